@@ -1,0 +1,42 @@
+# Every target installs what it needs into .venv; only python3 with its venv module is expected.
+PYTHON ?= python3
+BIN := .venv/bin
+STAMP := .venv/.installed
+OUT ?= runs/refit
+
+# Compiled programs are kept between runs, in the user's cache folder.
+CACHE := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)
+export JAX_COMPILATION_CACHE_DIR ?= $(CACHE)/atmofit/jax
+
+.DEFAULT_GOAL := help
+.PHONY: help install refit test lint bench clean
+
+help:  ## Show the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' Makefile
+
+install: $(STAMP)  ## Create .venv and install atmofit into it
+
+refit: $(STAMP)  ## Regenerate the coefficient matrices: tables, pictures and report in runs/refit
+	$(BIN)/atmofit refit --out $(OUT)
+
+test: $(STAMP)  ## Run the tests on two processes
+	$(BIN)/python -m pytest -n 2 -q
+
+lint: $(STAMP)  ## Check style, formatting and types
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/basedpyright
+
+bench: $(STAMP)  ## Time the reference job and measure its error
+	$(BIN)/python experiments/benchmark.py
+
+clean:  ## Remove .venv, results and caches of the tools
+	rm -rf .venv runs build dist .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "atmofit needs Python 3.11 or newer: make PYTHON=...")'
+	@echo "installing into .venv (once, and after a change of pyproject.toml or constraints.txt)"
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e '.[test]'
+	@touch $@

@@ -1,0 +1,92 @@
+"""A differentiable atmosphere, and the toolkit that fits analytic skies to it.
+
+The names below stand in the order in which light travels: what the air is made of, the sky that
+it makes, colour, analytic skies, and their fits.
+"""
+
+from atmofit.checks import debug_checks
+from atmofit.colour import (
+    XYZ_to_linear_sRGB,
+    XYZ_to_xyY,
+    linear_sRGB_to_sRGB,
+    spectrum_to_XYZ,
+    spectrum_to_xyY,
+    xyY_to_XYZ,
+)
+from atmofit.fit.distribution import DistributionFit, PerezFit, fit_distribution, fit_perez
+from atmofit.fit.parameters import PerezPrior
+from atmofit.fit.refit import RefitResult, RefitSettings, compare, refit, simulate_skies
+from atmofit.fit.zenith import ZenithFit, fit_zenith_chromaticity, fit_zenith_luminance
+from atmofit.geometry import DirectionGrid, Directions, dome_343, scattering_angle
+from atmofit.models.perez import perez
+from atmofit.models.preetham import PREETHAM_1999, PreethamModel
+from atmofit.optics.atmosphere import Atmosphere, Ground
+from atmofit.optics.gases import Absorber
+from atmofit.optics.haze import Haze, bullrich_phase
+from atmofit.optics.molecules import Molecules
+from atmofit.optics.phase import (
+    CornetteShanks,
+    HenyeyGreenstein,
+    PhaseFunction,
+    Rayleigh,
+    TabulatedPhase,
+)
+from atmofit.optics.profiles import DensityProfile, Exponential, GaussianLayer, Profile
+from atmofit.sky.plan import Plan, plan_sky
+from atmofit.sky.simulate import SkyField, simulate_sky, solve_sky
+from atmofit.spectrum import Spectrum
+from atmofit.sun import solar_irradiance_spectrum
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "PREETHAM_1999",
+    "Absorber",
+    "Atmosphere",
+    "CornetteShanks",
+    "DensityProfile",
+    "DirectionGrid",
+    "Directions",
+    "DistributionFit",
+    "Exponential",
+    "GaussianLayer",
+    "Ground",
+    "Haze",
+    "HenyeyGreenstein",
+    "Molecules",
+    "PerezFit",
+    "PerezPrior",
+    "PhaseFunction",
+    "Plan",
+    "PreethamModel",
+    "Profile",
+    "Rayleigh",
+    "RefitResult",
+    "RefitSettings",
+    "SkyField",
+    "Spectrum",
+    "TabulatedPhase",
+    "XYZ_to_linear_sRGB",
+    "XYZ_to_xyY",
+    "ZenithFit",
+    "bullrich_phase",
+    "compare",
+    "debug_checks",
+    "dome_343",
+    "fit_distribution",
+    "fit_perez",
+    "fit_zenith_chromaticity",
+    "fit_zenith_luminance",
+    "linear_sRGB_to_sRGB",
+    "perez",
+    "plan_sky",
+    "refit",
+    "scattering_angle",
+    "simulate_skies",
+    "simulate_sky",
+    "solar_irradiance_spectrum",
+    "solve_sky",
+    "spectrum_to_XYZ",
+    "spectrum_to_xyY",
+    "xyY_to_XYZ",
+]

@@ -1,0 +1,87 @@
+"""Input checks: an error for values that are known, NaN for values that are traced."""
+
+import contextlib
+from collections.abc import Iterator
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from atmofit.typing import Reals, RealsLike, real_array
+
+_ANGLE_SLACK = 1e-6  # relative; the float32 nearest to pi / 2 lies above it
+_debug = False
+
+
+@contextlib.contextmanager
+def debug_checks() -> Iterator[None]:
+    """Inside this context, traced values outside a function's domain raise at run time.
+
+    Programs compiled outside the context keep returning NaN; those compiled inside it are not
+    kept in JAX's persistent compilation cache.
+    """
+    global _debug  # noqa: PLW0603 - the one switch of the library
+    before, _debug = _debug, True
+    try:
+        yield
+    finally:
+        _debug = before
+
+
+def is_traced(*values: object) -> bool:
+    """Whether any leaf is a JAX tracer, that is, has no value yet."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
+
+
+def in_range(name: str, value: RealsLike, low: float, high: float, unit: str = "") -> Reals:
+    """Return the value as an array if it lies in [low, high].
+
+    Args:
+        name: Name of the argument, for the message.
+        value: Any shape. NaN is outside every range.
+        low: Smallest allowed value.
+        high: Largest allowed value; infinity itself is never allowed.
+        unit: Unit, for the message.
+
+    Returns:
+        The value as a floating-point array. A traced value is NaN where it lies outside.
+
+    Raises:
+        ValueError: A known value lies outside.
+    """
+    if not is_traced(value):
+        known = np.asarray(value, dtype=float)
+        bad = ~((known >= low) & (known <= high) & np.isfinite(known))
+        if bad.any():
+            worst = known[bad].flat[0]
+            raise ValueError(
+                f"{name} must be {_allowed(low, high, unit)}, got {worst:.6g}"
+                + (f" ({bad.sum()} of {known.size} values)" if known.size > 1 else "")
+            )
+        return real_array(value)
+    array = real_array(value)
+    inside = (array >= low) & (array <= high) & jnp.isfinite(array)
+    if _debug:
+        return eqx.error_if(array, ~inside, f"{name} must be {_allowed(low, high, unit)}")
+    return jnp.where(inside, array, jnp.nan)
+
+
+def angle_in_range(name: str, value: RealsLike, low: float, high: float) -> Reals:
+    """Like `in_range` for an angle [rad], with room for the rounding of float32."""
+    return in_range(name, value, low - _ANGLE_SLACK, high * (1 + _ANGLE_SLACK), "rad")
+
+
+def _allowed(low: float, high: float, unit: str) -> str:
+    unit = f" {unit}" if unit else ""
+    if np.isinf(high):
+        return f"at least {low:.6g}{unit}" if np.isfinite(low) else "finite"
+    return f"between {low:.6g} and {high:.6g}{unit}"
+
+
+def choice(name: str, value: str, allowed: tuple[str, ...]) -> str:
+    """Return the value if it is one of the allowed words, else raise ValueError."""
+    if value not in allowed:
+        words = ", ".join(f'"{word}"' for word in allowed)
+        raise ValueError(f"{name} must be one of {words}, got {value!r}")
+    return value

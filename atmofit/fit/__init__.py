@@ -1,0 +1,1 @@
+"""Fits of the analytic models: distribution over the dome, and values at the zenith."""

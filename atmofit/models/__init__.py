@@ -1,0 +1,1 @@
+"""Analytic sky models: closed formulas, no simulation."""

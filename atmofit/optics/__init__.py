@@ -1,0 +1,1 @@
+"""What the air is made of, and what it does to light at each wavelength."""

@@ -1,0 +1,246 @@
+"""Phase functions: how scattered light is shared among the directions.
+
+All take the scattering angle (0 = forward) and integrate to 1 over the sphere [1/sr]. Multiple
+scattering sees them through their Legendre moments: the integral of p P_l over the sphere.
+"""
+
+import abc
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from atmofit.checks import in_range, is_traced
+from atmofit.numerics import gauss_nodes, legendre_table
+from atmofit.spectrum import Spectrum, at, checked_spectral, spectral
+from atmofit.typing import Reals, RealsLike, Scalar, real_array
+
+_FOUR_PI = 4 * math.pi
+_NORMALISING_NODES = 200
+_LARGEST_ASYMMETRY = 0.999
+
+
+class PhaseFunction(eqx.Module):
+    """Share of the scattered light per solid angle."""
+
+    @abc.abstractmethod
+    def at_wavelengths(self, angle: Reals, wavelength_nm: Float[Array, " w"]) -> Reals:
+        """Phase function [1/sr], [..., wavelength]; the last axis is 1 where it is the same."""
+
+    @abc.abstractmethod
+    def moments(self, count: int, wavelength_nm: Float[Array, " w"]) -> Float[Array, "l w_or_1"]:
+        """The first Legendre moments [-], [degree, wavelength]; the 0th is 1."""
+
+    def __call__(self, scattering_angle: RealsLike, wavelength_nm: RealsLike = 550.0) -> Reals:
+        """Phase function at one wavelength.
+
+        Args:
+            scattering_angle: 0 = forward [rad], any shape.
+            wavelength_nm: [nm], a number.
+
+        Returns:
+            Phase function of the shape of the angle [1/sr]; its integral over the sphere is 1.
+        """
+        angle = in_range("scattering_angle", scattering_angle, -1e-6, math.pi + 1e-6, "rad")
+        wavelength = real_array(wavelength_nm).astype(angle.dtype).reshape(1)
+        return self.at_wavelengths(angle, wavelength)[..., 0]
+
+    def checked(self) -> "PhaseFunction":
+        """Refuse impossible parameters."""
+        return self
+
+
+class Rayleigh(PhaseFunction):
+    """Scattering by air molecules, 3 / (16 pi) (1 + cos^2), depolarisation left out."""
+
+    def at_wavelengths(self, angle: Reals, wavelength_nm: Float[Array, " w"]) -> Reals:
+        """Phase function [1/sr], the same at every wavelength."""
+        return (3 / (4 * _FOUR_PI) * (1 + jnp.cos(angle) ** 2))[..., None]
+
+    def moments(self, count: int, wavelength_nm: Float[Array, " w"]) -> Float[Array, "l w_or_1"]:
+        """Legendre moments 1, 0, 1/10, 0, ..."""
+        known = np.zeros((count, 1))
+        known[0] = 1.0
+        known[2:3] = 0.1
+        return jnp.asarray(known, wavelength_nm.dtype)
+
+
+class HenyeyGreenstein(PhaseFunction):
+    """The one-parameter phase function of Henyey and Greenstein (1941).
+
+    Attributes:
+        asymmetry: Mean cosine of the scattering angle g, -0.999 to 0.999, above 0 for forward
+            scattering; a number or a `Spectrum`.
+    """
+
+    asymmetry: Scalar | Spectrum = eqx.field(converter=spectral)
+
+    def at_wavelengths(self, angle: Reals, wavelength_nm: Float[Array, " w"]) -> Reals:
+        """Phase function [1/sr]."""
+        g = _on_last_axis(self.asymmetry, wavelength_nm, angle)
+        # (1 - g)^2 + 4 g sin^2 keeps its digits in the forward peak, 1 + g^2 - 2 g cos does not.
+        half = jnp.sin(angle / 2)[..., None]
+        return (1 - g**2) / (_FOUR_PI * ((1 - g) ** 2 + 4 * g * half**2) ** 1.5)
+
+    def moments(self, count: int, wavelength_nm: Float[Array, " w"]) -> Float[Array, "l w_or_1"]:
+        """Legendre moments g^l."""
+        g = _on_last_axis(self.asymmetry, wavelength_nm, wavelength_nm[0])
+        return _powers(g, count)
+
+    def checked(self) -> "HenyeyGreenstein":
+        """Refuse asymmetries outside (-1, 1)."""
+        return HenyeyGreenstein(checked_spectral("asymmetry", self.asymmetry, -_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY))
+
+
+class CornetteShanks(PhaseFunction):
+    """Henyey-Greenstein times 1 + cos^2, which is Rayleigh's at g = 0 (Cornette, Shanks 1992).
+
+    Attributes:
+        asymmetry: The parameter g, -0.999 to 0.999 (the mean cosine is
+            3 g (4 + g^2) / (5 (2 + g^2))); a number or a `Spectrum`.
+    """
+
+    asymmetry: Scalar | Spectrum = eqx.field(converter=spectral)
+
+    def at_wavelengths(self, angle: Reals, wavelength_nm: Float[Array, " w"]) -> Reals:
+        """Phase function [1/sr]."""
+        g = _on_last_axis(self.asymmetry, wavelength_nm, angle)
+        henyey = HenyeyGreenstein(self.asymmetry).at_wavelengths(angle, wavelength_nm)
+        return henyey * 1.5 * (1 + jnp.cos(angle)[..., None] ** 2) / (2 + g**2)
+
+    def moments(self, count: int, wavelength_nm: Float[Array, " w"]) -> Float[Array, "l w_or_1"]:
+        """Legendre moments, from those of Henyey-Greenstein by mu P_l's recurrence, twice."""
+        g = _on_last_axis(self.asymmetry, wavelength_nm, wavelength_nm[0])
+        times_mu2 = jnp.asarray(_cosine_squared_matrix(count), g.dtype)
+        henyey = _powers(g, count + 2)
+        return 1.5 / (2 + g**2) * (henyey[:count] + times_mu2 @ henyey)
+
+    def checked(self) -> "CornetteShanks":
+        """Refuse asymmetries outside (-1, 1)."""
+        return CornetteShanks(checked_spectral("asymmetry", self.asymmetry, -_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY))
+
+
+class TabulatedPhase(PhaseFunction):
+    """A table of values against angle, and against wavelength if there are several columns.
+
+    Between the angles the logarithm follows cubics with continuous slope, flat at 0 and at pi;
+    between the wavelengths it is linear, outside them constant. The whole is scaled so that its
+    integral over the sphere is 1 at every wavelength.
+
+    Attributes:
+        angle: Scattering angle [rad], increasing from 0 or more to pi or less; the first and
+            last values also hold beyond.
+        values: Above 0, in any unit, one column for each wavelength.
+        wavelength_nm: Wavelength of each column [nm], increasing.
+    """
+
+    angle: Float[Array, " knot"] = eqx.field(converter=real_array)
+    values: Float[Array, "knot column"] = eqx.field(converter=real_array)
+    wavelength_nm: Float[Array, " column"] = eqx.field(converter=real_array)
+
+    def __init__(self, angle: RealsLike, values: RealsLike, wavelength_nm: RealsLike = 550.0):
+        """Take one column as a list, or several as [angle, wavelength]."""
+        self.angle = real_array(angle)
+        table = real_array(values)
+        self.values = table[:, None] if table.ndim == 1 else table
+        self.wavelength_nm = jnp.atleast_1d(real_array(wavelength_nm))
+
+    def __check_init__(self) -> None:
+        """Check the table's shape, and its values where they are known."""
+        shape = (self.angle.size, self.wavelength_nm.size)
+        if self.angle.ndim != 1 or self.values.shape != shape or self.angle.size < 2:
+            raise ValueError(
+                f"values must have the shape [angle, wavelength] = {shape} with at least 2 angles, "
+                f"got {self.values.shape}"
+            )
+        if not is_traced(self):
+            in_range("angle", self.angle, 0.0, math.pi + 1e-6, "rad")
+            in_range("values", self.values, np.finfo(np.float32).tiny, math.inf)
+            for name in ("angle", "wavelength_nm"):
+                if bool((jnp.diff(getattr(self, name)) <= 0).any()):
+                    raise ValueError(f"{name} of a TabulatedPhase must increase")
+
+    def at_wavelengths(self, angle: Reals, wavelength_nm: Float[Array, " w"]) -> Reals:
+        """Phase function [1/sr]."""
+        return jnp.exp(self._basis(angle) @ self._log_columns(wavelength_nm))
+
+    def moments(self, count: int, wavelength_nm: Float[Array, " w"]) -> Float[Array, "l w_or_1"]:
+        """Legendre moments by quadrature; the 0th is 1 by construction."""
+        angle, weight = _sphere_nodes()
+        table = self._log_columns(wavelength_nm)
+        p = jnp.exp(self._basis(jnp.asarray(angle, table.dtype)) @ table)
+        weighted = weight[:, None] * legendre_table(np.cos(angle), count)
+        return jnp.asarray(weighted.T, p.dtype) @ p
+
+    def _log_columns(self, wavelength_nm: Float[Array, " w"]) -> Float[Array, "knot w"]:
+        """Log values, normalised: the knots' weights add to 1, so a constant passes through."""
+        table = jnp.log(self.values)
+        if self.wavelength_nm.size > 1:
+            # A matrix product: each wanted wavelength is a mixture of two columns.
+            columns = jnp.arange(self.wavelength_nm.size, dtype=table.dtype)
+            place = jnp.interp(wavelength_nm, self.wavelength_nm, columns)
+            table = table @ jnp.maximum(1 - jnp.abs(columns[:, None] - place[None, :]), 0.0)
+        angle, weight = _sphere_nodes()
+        log_p = self._basis(jnp.asarray(angle, table.dtype)) @ table
+        largest = log_p.max(0, keepdims=True)
+        total = jnp.asarray(weight, table.dtype) @ jnp.exp(log_p - largest)
+        return table - largest - jnp.log(total)[None, :]
+
+    def _basis(self, angle: Reals) -> Float[Array, "... knot"]:
+        """Weights of the knots' values at an angle: cubic Hermite with three-point slopes."""
+        knots = self.angle
+        x = jnp.clip(angle, knots[0], knots[-1])
+        panel = jnp.clip(jnp.searchsorted(knots, x, side="right", method="compare_all") - 1, 0, knots.size - 2)
+        left = jax.nn.one_hot(panel, knots.size, dtype=x.dtype)
+        right = jax.nn.one_hot(panel + 1, knots.size, dtype=x.dtype)
+        width = knots[panel + 1] - knots[panel]
+        t, width = ((x - knots[panel]) / width)[..., None], width[..., None]
+        slope_weight = width * (t * (1 - t) ** 2 * left - t**2 * (1 - t) * right)
+        value_weight = (1 + 2 * t) * (1 - t) ** 2 * left + t**2 * (3 - 2 * t) * right
+        return value_weight + slope_weight @ _slope_matrix(knots)
+
+
+def _slope_matrix(x: Float[Array, " knot"]) -> Float[Array, "knot knot"]:
+    """Slopes at the knots from the values: the parabola through three, 0 at both ends."""
+    n = x.size
+    step = jnp.diff(x)
+    difference = (jnp.eye(n, k=1)[:-1] - jnp.eye(n)[:-1]).astype(x.dtype) / step[:, None]
+    inner = (step[1:, None] * difference[:-1] + step[:-1, None] * difference[1:]) / (
+        step[1:] + step[:-1]
+    )[:, None]
+    return jnp.pad(inner, ((1, 1), (0, 0)))
+
+
+def _sphere_nodes() -> tuple[np.ndarray, np.ndarray]:
+    """Angles, dense near 0, and solid-angle weights that integrate over the sphere."""
+    u, w = gauss_nodes(_NORMALISING_NODES)
+    return math.pi * u**2, w * 2 * math.pi * u * 2 * math.pi * np.sin(math.pi * u**2)
+
+
+def _powers(g: Float[Array, " w_or_1"], count: int) -> Float[Array, "l w_or_1"]:
+    """1, g, g^2, ... with finite slopes at g = 0."""
+    rows = [jnp.ones_like(g)]
+    for _ in range(count - 1):
+        rows.append(rows[-1] * g)
+    return jnp.stack(rows)
+
+
+def _cosine_squared_matrix(count: int) -> np.ndarray:
+    """Moments of mu^2 p, [count], from the moments of p, [count + 2]."""
+    size = count + 4
+    degree = np.arange(size)
+    multiply = np.zeros((size, size))
+    multiply[degree[:-1], degree[:-1] + 1] = (degree[:-1] + 1) / (2 * degree[:-1] + 1)
+    multiply[degree[1:], degree[1:] - 1] = degree[1:] / (2 * degree[1:] + 1)
+    return (multiply @ multiply)[:count, : count + 2]
+
+
+def _on_last_axis(
+    quantity: Scalar | Spectrum, wavelength_nm: Float[Array, " w"], like: Reals
+) -> Reals:
+    """A parameter as a trailing wavelength axis behind the axes of `like`; length 1 if constant."""
+    value = at(quantity, wavelength_nm) if isinstance(quantity, Spectrum) else quantity[None]
+    return value.reshape((1,) * like.ndim + value.shape)

@@ -1,0 +1,1 @@
+"""From an atmosphere to the radiance of its sky."""

@@ -1,0 +1,129 @@
+"""Along a line of sight: how much light of each order arrives at the observer on the ground."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from atmofit.geometry import scattering_angle
+from atmofit.numerics import chebyshev_basis, gauss_nodes, harmonics, safe_divide, safe_sqrt
+from atmofit.optics.atmosphere import Medium
+from atmofit.sky.paths import Paths, Point, stretched, unstretched
+from atmofit.sky.plan import Nodes
+from atmofit.sky.sources import Moments, sun_place
+from atmofit.typing import Reals, Scalar
+
+
+class LineOfSight(eqx.Module):
+    """The steps along one view ray.
+
+    Attributes:
+        points: Where the steps are; every field is [step].
+        length: Weight of each step in an integral over distance [m], [step].
+        columns: From the observer to each step, over vertical columns [-], [step, constituent].
+    """
+
+    points: Point
+    length: Float[Array, " step"]
+    columns: Float[Array, "step constituent"]
+
+
+def line_of_sight(medium: Medium, paths: Paths, view: Scalar, count: int) -> LineOfSight:
+    """Steps along a view ray, dense where the scattered light comes from.
+
+    Args:
+        medium: Optical properties.
+        paths: The geometry.
+        view: View zenith angle [rad].
+        count: Number of steps. Static.
+    """
+    dtype = view.dtype
+    cosine, sine = jnp.cos(view), jnp.sin(view)
+    ground = jnp.zeros((), dtype)
+    # Steps begin to widen at the free path of the most opaque wavelength, or where the air thins.
+    density = jnp.stack([profile.density(ground) for profile in medium.profiles])
+    opaque = (density @ medium.extinction).max()
+    length = paths.length_up(ground, cosine, medium.top)
+    near = paths.length_up(ground, cosine, medium.scale)
+    free_path = safe_divide(1.0, opaque)
+    near = jnp.where(opaque > 0, jnp.minimum(near, free_path), near)
+    u, w = (jnp.asarray(x, dtype) for x in gauss_nodes(count))
+    distance, slope = stretched(u, length, near)
+    start = jnp.zeros_like(distance)
+    across = (start, jnp.full_like(start, cosine), jnp.full_like(start, sine))
+    points = paths.advance(*across, distance)
+    columns = [paths.column_between(p, *across, points) for p in medium.profiles]
+    return LineOfSight(points, slope * w, jnp.stack(columns, axis=-1))
+
+
+def local_sun(points: Point, azimuth: Scalar, sun: Scalar) -> tuple[Reals, Reals, Reals]:
+    """The sun seen from the points of a ray.
+
+    Args:
+        points: Of the ray.
+        azimuth: Of the ray, 0 toward the sun [rad].
+        sun: Solar zenith angle at the observer [rad].
+
+    Returns:
+        Cosine of the local solar zenith angle, its sine times the cosine of the local relative
+        azimuth, and its sine times the sine of it; all [step].
+    """
+    ahead = jnp.sin(sun) * jnp.cos(azimuth)
+    up = jnp.cos(sun) * points.turn_cosine + ahead * points.turn_sine
+    along = ahead * points.turn_cosine - jnp.cos(sun) * points.turn_sine
+    return up, along, jnp.full_like(along, jnp.sin(sun) * jnp.sin(azimuth))
+
+
+def single_scattering(
+    medium: Medium, paths: Paths, sight: LineOfSight, view: Scalar, azimuth: Scalar, sun: Scalar
+) -> Float[Array, " w"]:
+    """Radiance of light scattered once, over solar irradiance [1/sr]."""
+    sun_cosine, _, _ = local_sun(sight.points, azimuth, sun)
+    columns, up = [], jnp.ones_like(sun_cosine)
+    for profile in medium.profiles:
+        column, up = paths.sun_column(profile, sight.points.altitude, sun_cosine)
+        columns.append(column)
+    depth = (jnp.stack(columns, axis=-1) + sight.columns) @ medium.extinction
+    sunlight = jnp.exp(-depth) * up[:, None]
+    phases = medium.phase_functions(scattering_angle(view, azimuth, sun))
+    total = jnp.zeros_like(medium.wavelength_nm)
+    for profile, phase in zip(medium.scattering_profiles, phases, strict=True):
+        density = profile.density(sight.points.altitude)
+        total = total + phase * ((density * sight.length) @ sunlight)
+    return total
+
+
+def second_sources(
+    medium: Medium, moments: Moments, sight: LineOfSight, nodes: Nodes
+) -> Float[Array, "step m sun w"]:
+    """What each step of a ray sends to the observer after a second scattering, for every sun."""
+    z = sight.points.altitude
+    place = 2 * unstretched(z, moments.top, moments.scale) - 1
+    basis = chebyshev_basis(jnp.clip(place, -1.0, 1.0), nodes.altitude)
+    arriving = jnp.tensordot(basis, moments.coefficients, 1)
+    density = jnp.stack([profile.density(z) for profile in medium.scattering_profiles])
+    scattered = jnp.tensordot(density.T, medium.moments(nodes.degrees), 1)
+    dimming = jnp.exp(-sight.columns @ medium.extinction) * sight.length[:, None]
+    strength = scattered * dimming[:, None, :]
+    y = harmonics(sight.points.cosine, sight.points.sine, nodes.degrees, nodes.modes)
+    twice = jnp.where(jnp.arange(nodes.modes) > 0, 2.0, 1.0).astype(y.dtype)
+    y = y * twice[None, None, :]
+    return jnp.einsum("qmlsw,qlm,qlw->qmsw", arriving, y, strength)
+
+
+def second_scattering(
+    sources: Float[Array, "step m sun w"],
+    moments: Moments,
+    points: Point,
+    azimuth: Scalar,
+    sun: Scalar,
+) -> Float[Array, " w"]:
+    """Radiance of light scattered twice, over solar irradiance [1/sr]."""
+    steps, modes, suns, waves = sources.shape
+    up, along, aside = local_sun(points, azimuth, sun)
+    sine = safe_sqrt(along**2 + aside**2)
+    angle = jnp.arctan2(sine, up)
+    of_sun = chebyshev_basis(sun_place(angle, moments.sun_limit), suns)
+    of_mode = chebyshev_basis(safe_divide(along, sine), modes)
+    weights = of_mode[:, :, None] * of_sun[:, None, :]
+    return weights.reshape(-1) @ sources.reshape(steps * modes * suns, waves)
+

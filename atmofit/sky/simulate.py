@@ -1,0 +1,279 @@
+"""The public simulator: from an atmosphere to the radiance of its sky."""
+
+import math
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from atmofit.checks import angle_in_range, in_range, is_traced
+from atmofit.constants import MAXIMUM_WAVELENGTH_NM, MINIMUM_WAVELENGTH_NM
+from atmofit.geometry import DirectionGrid, Directions
+from atmofit.numerics import chebyshev_basis, chebyshev_nodes, chebyshev_transform
+from atmofit.optics.atmosphere import Atmosphere, Medium, optical_properties
+from atmofit.sky.look import (
+    line_of_sight,
+    second_scattering,
+    second_sources,
+    single_scattering,
+)
+from atmofit.sky.paths import FlatPaths, Paths, SphericalPaths
+from atmofit.sky.plan import Plan, plan_sky
+from atmofit.sky.sources import Moments, single_scattering_moments
+from atmofit.spectrum import Spectrum, at, check_wavelengths
+from atmofit.sun import solar_irradiance_spectrum
+from atmofit.typing import Reals, RealsLike, Scalar
+
+T = TypeVar("T")
+
+_PAPER_LIMIT = math.radians(70.0)  # below, the 1999 paper takes the Earth as flat
+_RING_BATCH = 16  # directions worked on at a time, a compromise of memory and speed
+_NARROWEST_NM = 1.0  # of the interval on which wavelength nodes are laid
+
+
+class SkyField(eqx.Module):
+    """Everything about an atmosphere's light that needs neither sun nor view direction.
+
+    Attributes:
+        medium: Optical properties at the computed wavelengths.
+        moments: Single-scattered light everywhere, one table for each geometry; empty if one
+            order was asked for.
+        wavelength_nm: The wavelengths asked for [nm].
+        paths: Geometries: one, or flat and spherical for "paper".
+        plan: How it was computed. Static.
+        preset: Source of the sun's spectrum. Static.
+    """
+
+    medium: Medium | None
+    moments: tuple[Moments, ...]
+    wavelength_nm: Float[Array, " wavelength"]
+    paths: tuple[Paths, ...]
+    plan: Plan = eqx.field(static=True)
+    preset: str = eqx.field(static=True)
+
+    def radiance(
+        self,
+        solar_zenith_angle: RealsLike,
+        directions: Directions | DirectionGrid,
+        solar_irradiance: RealsLike | Spectrum | None = None,
+    ) -> Reals:
+        """Radiance of the sky at the ground.
+
+        Args:
+            solar_zenith_angle: 0 to pi/2 [rad], a number.
+            directions: A list or a grid, down to the horizon.
+            solar_irradiance: At the top of the atmosphere [W m^-2 nm^-1], a number, one for each
+                wavelength, or a `Spectrum`; 1.0 gives radiance per irradiance [1/sr]; None: the
+                spectrum of the atmosphere's preset.
+
+        Returns:
+            Radiance [W m^-2 sr^-1 nm^-1], [direction, wavelength] for a list and
+            [zenith, azimuth, wavelength] for a grid. The sun's own disk is not in it.
+
+        Raises:
+            ValueError: Sun or directions lie outside their range.
+        """
+        sun = angle_in_range("solar_zenith_angle", solar_zenith_angle, 0.0, math.pi / 2)
+        if sun.ndim != 0:
+            raise ValueError(
+                f"solar_zenith_angle must be one number (vmap over several), got shape {sun.shape}"
+            )
+        as_list = directions.as_list() if isinstance(directions, DirectionGrid) else directions
+        as_list = as_list.checked()
+        irradiance = self._irradiance(solar_irradiance)
+        values = _radiance(self, sun.astype(self.plan.dtype), _cast(as_list, self.plan.dtype))
+        return (values * irradiance[None, :]).reshape(*directions.shape, -1)
+
+    def _irradiance(self, given: RealsLike | Spectrum | None) -> Float[Array, " wavelength"]:
+        """Solar irradiance at the wavelengths asked for."""
+        if given is None:
+            given = solar_irradiance_spectrum(self.preset)
+        if isinstance(given, Spectrum):
+            return at(given, self.wavelength_nm)
+        values = in_range("solar_irradiance", given, 0.0, math.inf, "W m^-2 nm^-1")
+        if values.shape not in ((), self.wavelength_nm.shape):
+            raise ValueError(
+                "solar_irradiance must be a number or one for each wavelength "
+                f"{self.wavelength_nm.shape}, got shape {values.shape}"
+            )
+        return jnp.broadcast_to(values.astype(self.plan.dtype), self.wavelength_nm.shape)
+
+
+def solve_sky(
+    atmosphere: Atmosphere,
+    wavelength_nm: RealsLike,
+    orders: int = 2,
+    rtol: float = 1e-2,
+    plan: Plan | None = None,
+) -> SkyField:
+    """Solve for the light inside an atmosphere, for all suns at once.
+
+    Args:
+        atmosphere: What the air is made of.
+        wavelength_nm: Wavelengths [nm], a number or an increasing list, 200 to 3000.
+        orders: Scattering orders to sum, 1 or 2. Static.
+        rtol: Promised relative error of luminance, 5e-4 to 1. Static.
+        plan: From `plan_sky`; replaces `orders` and `rtol`. Static.
+
+    Returns:
+        A field whose `radiance` method takes sun and directions.
+
+    Raises:
+        ValueError: An argument lies outside its range.
+    """
+    wavelength = jnp.atleast_1d(
+        in_range("wavelength_nm", wavelength_nm, MINIMUM_WAVELENGTH_NM, MAXIMUM_WAVELENGTH_NM, "nm")
+    )
+    if wavelength.ndim != 1 or wavelength.size == 0:
+        raise ValueError(f"wavelength_nm must be a list, got shape {wavelength.shape}")
+    if not is_traced(wavelength):
+        check_wavelengths(np.asarray(wavelength))
+    checked = atmosphere.checked()
+    if plan is None:
+        plan = plan_sky(checked, orders=orders, rtol=rtol)
+    _check_spectra(checked, wavelength)
+    return _solve(_cast(checked, plan.dtype), wavelength.astype(plan.dtype), plan)
+
+
+def simulate_sky(
+    atmosphere: Atmosphere,
+    solar_zenith_angle: RealsLike,
+    directions: Directions | DirectionGrid,
+    wavelength_nm: RealsLike,
+    orders: int = 2,
+    rtol: float = 1e-2,
+    solar_irradiance: RealsLike | Spectrum | None = None,
+    plan: Plan | None = None,
+) -> Reals:
+    """Radiance of the sky at the ground: `solve_sky`, then `SkyField.radiance`.
+
+    For several suns over one atmosphere, call `solve_sky` once and vmap `radiance`.
+    """
+    field = solve_sky(atmosphere, wavelength_nm, orders, rtol, plan)
+    return field.radiance(solar_zenith_angle, directions, solar_irradiance)
+
+
+@eqx.filter_jit
+def _solve(atmosphere: Atmosphere, wavelength_nm: Float[Array, " w"], plan: Plan) -> SkyField:
+    """The jitted kernel of `solve_sky`."""
+    paths = _paths(atmosphere)
+    medium, moments = None, ()
+    if atmosphere.molecules is not None or atmosphere.haze is not None:
+        medium = optical_properties(atmosphere, _computed_wavelengths(wavelength_nm, plan))
+        if plan.orders > 1:
+            moments = tuple(single_scattering_moments(medium, p, plan.nodes) for p in paths)
+    return SkyField(medium, moments, wavelength_nm, paths, plan, atmosphere.preset)
+
+
+@eqx.filter_jit
+def _radiance(
+    field: SkyField, sun: Scalar, directions: Directions
+) -> Float[Array, "direction wavelength"]:
+    """Radiance over solar irradiance [1/sr]."""
+    zenith, azimuth = directions.angles()
+    if field.medium is None:
+        return jnp.zeros((zenith.size, field.wavelength_nm.size), field.wavelength_nm.dtype)
+    values = [
+        _radiance_in(field, paths, field.moments[i : i + 1], sun, directions)
+        for i, paths in enumerate(field.paths)
+    ]
+    computed = values[0]
+    if len(values) > 1:
+        low = (zenith < _PAPER_LIMIT) & (sun < _PAPER_LIMIT)
+        computed = jnp.where(low[:, None], values[0], values[1])
+    return _to_asked_wavelengths(computed, field.medium.wavelength_nm, field.wavelength_nm)
+
+
+def _radiance_in(
+    field: SkyField, paths: Paths, moments: tuple[Moments, ...], sun: Scalar, directions: Directions
+) -> Float[Array, "direction w"]:
+    """Radiance in one geometry at the computed wavelengths, ring by ring."""
+    medium, nodes = field.medium, field.plan.nodes
+    assert medium is not None
+    zenith, azimuth, order = _by_ring(directions)
+
+    def of_ring(ring: tuple[Scalar, Float[Array, " azimuth"]]) -> Float[Array, "azimuth w"]:
+        view, azimuths = ring
+        sight = line_of_sight(medium, paths, view, nodes.view)
+        total = jax.vmap(lambda a: single_scattering(medium, paths, sight, view, a, sun))(azimuths)
+        for table in moments:
+            sight = line_of_sight(medium, paths, view, nodes.view_second)
+            sources = second_sources(medium, table, sight, nodes)
+            total = total + jax.vmap(
+                lambda a: second_scattering(sources, table, sight.points, a, sun)  # noqa: B023
+            )(azimuths)
+        return total
+
+    batch = max(1, _RING_BATCH // azimuth.shape[1])
+    values = jax.lax.map(of_ring, (zenith, azimuth), batch_size=batch)
+    return values.reshape(-1, values.shape[-1])[order]
+
+
+def _by_ring(
+    directions: Directions,
+) -> tuple[Float[Array, " ring"], Float[Array, "ring azimuth"], np.ndarray]:
+    """Zenith angle of each ring, its azimuths (padded), and where each direction is found."""
+    counts = directions.rings if directions.rings is not None else (1,) * directions.shape[0]
+    starts, widest = directions.ring_starts, max(counts)
+    column = np.minimum(np.arange(widest)[None, :], np.asarray(counts)[:, None] - 1)
+    order = np.concatenate([np.arange(count) + ring * widest for ring, count in enumerate(counts)])
+    azimuth = directions.relative_azimuth[starts[:, None] + column]
+    return directions.view_zenith_angle[starts], azimuth, order
+
+
+def _computed_wavelengths(wavelength_nm: Float[Array, " w"], plan: Plan) -> Float[Array, " n"]:
+    """The wavelengths asked for, or the fewer nodes between which radiance is interpolated."""
+    if plan.all_wavelengths or wavelength_nm.size <= plan.nodes.wavelength:
+        return wavelength_nm
+    dtype = wavelength_nm.dtype
+    short, long = _interval(wavelength_nm)
+    unit = jnp.asarray((chebyshev_nodes(plan.nodes.wavelength) + 1) / 2, dtype)
+    return 1 / jnp.sqrt(short + (long - short) * unit)
+
+
+def _interval(wavelength_nm: Float[Array, " w"]) -> tuple[Scalar, Scalar]:
+    """Ends of the wavelength range in 1 / wavelength^2, never the same."""
+    low = wavelength_nm.min()
+    high = jnp.maximum(wavelength_nm.max(), low + _NARROWEST_NM)
+    return 1 / high**2, 1 / low**2
+
+
+def _to_asked_wavelengths(
+    computed: Float[Array, "direction n"],
+    nodes_nm: Float[Array, " n"],
+    wavelength_nm: Float[Array, " w"],
+) -> Float[Array, "direction w"]:
+    """Interpolate log radiance by the polynomial in wavelength^-2 through the nodes."""
+    if nodes_nm.size == wavelength_nm.size:
+        return computed
+    low, high = _interval(wavelength_nm)
+    place = jnp.clip(2 * (1 / wavelength_nm**2 - low) / (high - low) - 1, -1.0, 1.0)
+    transform = jnp.asarray(chebyshev_transform(nodes_nm.size), computed.dtype)
+    matrix = chebyshev_basis(place, nodes_nm.size) @ transform
+    tiny = jnp.finfo(computed.dtype).tiny
+    lit = computed > tiny
+    log = jnp.log(jnp.where(lit, computed, tiny))
+    return jnp.where(lit.any(1, keepdims=True), jnp.exp(log @ matrix.T), 0.0)
+
+
+def _paths(atmosphere: Atmosphere) -> tuple[Paths, ...]:
+    """Flat, spherical or, for "paper", both."""
+    every = {"flat": FlatPaths(), "spherical": SphericalPaths(atmosphere.radius)}
+    names = ("flat", "spherical") if atmosphere.geometry == "paper" else (atmosphere.geometry,)
+    return tuple(every[name] for name in names)
+
+
+def _check_spectra(atmosphere: Atmosphere, wavelength_nm: Float[Array, " w"]) -> None:
+    """Refuse wavelengths outside a constituent's spectra, before the kernel."""
+    for leaf in jax.tree.leaves(atmosphere, is_leaf=lambda node: isinstance(node, Spectrum)):
+        if isinstance(leaf, Spectrum) and not is_traced(leaf, wavelength_nm):
+            leaf(wavelength_nm)
+
+
+def _cast(tree: T, dtype: str) -> T:
+    """Every array of a tree in one dtype."""
+    return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_array(leaf) else leaf, tree)
+

@@ -1,0 +1,7 @@
+"""JAX as the tests want it: double precision on hand, and no silent promotion."""
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
