@@ -9,8 +9,8 @@ from atmofit.colour import (
     XYZ_to_linear_sRGB,
     XYZ_to_xyY,
     linear_sRGB_to_sRGB,
-    spectrum_to_XYZ,
     spectrum_to_xyY,
+    spectrum_to_XYZ,
     xyY_to_XYZ,
 )
 from atmofit.fit.distribution import DistributionFit, PerezFit, fit_distribution, fit_perez
@@ -18,6 +18,7 @@ from atmofit.fit.parameters import PerezPrior
 from atmofit.fit.refit import RefitResult, RefitSettings, compare, refit, simulate_skies
 from atmofit.fit.zenith import ZenithFit, fit_zenith_chromaticity, fit_zenith_luminance
 from atmofit.geometry import DirectionGrid, Directions, dome_343, scattering_angle
+from atmofit.io import read_coefficients
 from atmofit.models.perez import perez
 from atmofit.models.preetham import PREETHAM_1999, PreethamModel
 from atmofit.optics.atmosphere import Atmosphere, Ground
@@ -80,6 +81,7 @@ __all__ = [
     "linear_sRGB_to_sRGB",
     "perez",
     "plan_sky",
+    "read_coefficients",
     "refit",
     "scattering_angle",
     "simulate_skies",

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from atmofit.typing import Reals, RealsLike, real_array
 
@@ -21,7 +22,7 @@ def debug_checks() -> Iterator[None]:
     Programs compiled outside the context keep returning NaN; those compiled inside it are not
     kept in JAX's persistent compilation cache.
     """
-    global _debug  # noqa: PLW0603 - the one switch of the library
+    global _debug
     before, _debug = _debug, True
     try:
         yield
@@ -31,7 +32,7 @@ def debug_checks() -> Iterator[None]:
 
 def is_traced(*values: object) -> bool:
     """Whether any leaf is a JAX tracer, that is, has no value yet."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
 
 
 def in_range(name: str, value: RealsLike, low: float, high: float, unit: str = "") -> Reals:

@@ -69,7 +69,9 @@ def _weights(wavelength_nm: Reals) -> Reals:
     curves = tables.cie1931_2deg()
     first = float(curves.wavelength_nm[0])
     # The fewer the intervals, the more points in each, so that every curve stays resolved.
-    nodes, shares = gauss_nodes(max(4, math.ceil(2 * curves.wavelength_nm.size / wavelength_nm.size)))
+    nodes, shares = gauss_nodes(
+        max(4, math.ceil(2 * curves.wavelength_nm.size / wavelength_nm.size))
+    )
     upper = jnp.asarray(nodes, wavelength_nm.dtype)
     share = jnp.asarray(shares, wavelength_nm.dtype)
     width = jnp.diff(wavelength_nm)

@@ -89,9 +89,7 @@ class DirectionGrid(eqx.Module):
 
     def angles(self) -> tuple[Reals, Reals]:
         """View zenith angle and relative azimuth of every direction, both of `shape`."""
-        zenith, azimuth = jnp.meshgrid(
-            self.view_zenith_angle, self.relative_azimuth, indexing="ij"
-        )
+        zenith, azimuth = jnp.meshgrid(self.view_zenith_angle, self.relative_azimuth, indexing="ij")
         return zenith, azimuth
 
     def as_list(self) -> Directions:

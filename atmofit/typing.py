@@ -16,10 +16,8 @@ RealsLike = ArrayLike | Sequence[Any]  # a number, a list, a NumPy array or a JA
 
 def real_array(value: Any) -> Reals:
     """A floating-point JAX array; its dtype is kept, numbers and integers become JAX's default."""
-    if isinstance(value, jax.Array | np.ndarray | np.generic):
-        array = value
-    else:
-        array = np.asarray(value)
+    known = isinstance(value, jax.Array | np.ndarray | np.generic)
+    array = value if known else np.asarray(value)
     if jnp.issubdtype(array.dtype, jnp.floating):
         return jnp.asarray(array)
     return jnp.asarray(array).astype(float)

@@ -34,7 +34,9 @@ def test_at_takes_numbers_and_spectra():
 def test_spectral_keeps_spectra():
     spectrum = Spectrum(NODES, VALUES, smooth=True)
     assert spectral(spectrum) is spectrum
-    assert spectral(2).shape == ()
+    number = spectral(2)
+    assert not isinstance(number, Spectrum)
+    assert number.shape == ()
 
 
 def test_outside_the_range():

@@ -25,7 +25,7 @@ class Minimum(eqx.Module):
     """Where a search ended.
 
     Attributes:
-        parameters: The best ones found.
+        parameters: The best ones found; NaN where the residuals are.
         loss: Sum of squared residuals there.
         decrement: Share of the loss that a full Newton step would still remove.
         converged: Whether that share is below `tolerance(dtype)`, or what it would remove below
@@ -90,12 +90,15 @@ def minimise(residuals: Residuals, start: Reals, max_steps: int) -> Minimum:
         max_steps=max_steps,
         throw=False,
     )
-    value = solution.state.f_info.residual  # at the last accepted parameters, the solution
-    loss, removable = jnp.sum(value**2), jnp.sum(value[:-1] ** 2)
+    parameters = solution.value * scale
+    loss = jnp.sum(residuals(parameters) ** 2)
+    parameters = jnp.where(jnp.isfinite(loss), parameters, jnp.nan)
+    # What the solver holds at its last accepted point, which is the solution.
+    removable = jnp.sum(solution.state.f_info.residual[:-1] ** 2)
     decrement = removable / (loss + jnp.finfo(dtype).tiny)
     converged = removable <= tolerance(dtype) * loss + (10 * precision) ** 2
     return Minimum(
-        parameters=solution.value * scale,
+        parameters=parameters,
         loss=loss,
         decrement=decrement,
         converged=converged,

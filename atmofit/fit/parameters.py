@@ -58,7 +58,10 @@ class PerezPrior(eqx.Module):
             raise ValueError(f"width must be positive, got {self.width}")
 
     def residuals(self, free: Reals) -> Reals:
-        """Residuals of the prior, [..., 5] like the free parameters; the data's are divided by sqrt(count)."""
+        """Residuals of the prior, [..., 5] like the free parameters.
+
+        They stand beside residuals of the data that are divided by the root of their number.
+        """
         dtype, shape = free.dtype, (1,) * (free.ndim - 1) + (5,)
         centre = jnp.asarray(self.centre, dtype).reshape(shape)
         width = jnp.asarray(self.width, dtype).reshape(shape)

@@ -7,7 +7,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -53,9 +53,9 @@ class RefitSettings:
     wavelength_nm: tuple[float, ...] = tuple(float(λ) for λ in range(380, 781, 10))
     orders: int = 2
     rtol: float = 1e-2
-    geometry: Literal["spherical", "flat", "paper"] = "spherical"
-    dtype: Literal["float32", "float64"] = "float32"
-    weighting: Literal["relative", "absolute", "log"] = "relative"
+    geometry: str = "spherical"
+    dtype: str = "float32"
+    weighting: str = "relative"
 
     def __post_init__(self) -> None:
         """Refuse impossible settings before any work is done."""
@@ -251,7 +251,7 @@ def _simulate(
     wavelength_nm: jax.Array,
     directions: Directions,
     plan: Plan,
-    geometry: Literal["spherical", "flat", "paper"],
+    geometry: str,
 ) -> jax.Array:
     """Radiance, [turbidity, sun, direction, wavelength]."""
 
@@ -316,7 +316,8 @@ def predict(model: PreethamModel, skies: SimulatedSkies) -> np.ndarray:
         [turbidity, sun, direction, 3], Y in cd m^-2.
     """
     turbidity, suns = (
-        jnp.asarray(axis, float) for axis in (skies.settings.turbidity, skies.settings.solar_zenith_angle)
+        jnp.asarray(axis, float)
+        for axis in (skies.settings.turbidity, skies.settings.solar_zenith_angle)
     )
     return np.asarray(_predict(model, turbidity, suns, skies.directions))
 

@@ -1,4 +1,7 @@
-"""Fits of the zenith values: the forms of Preetham et al. (1999), appendix A.2, which are linear."""
+"""Fits of the zenith values, to the forms of Preetham et al. (1999), appendix A.2.
+
+Both forms are linear in their coefficients, so these fits need neither a start nor steps.
+"""
 
 import equinox as eqx
 import jax

@@ -41,9 +41,7 @@ def perez(
     return perez_formula(known, θ.astype(known.dtype), γ.astype(known.dtype))
 
 
-def perez_formula(
-    coefficients: Reals, view_zenith_angle: Reals, scattering_angle: Reals
-) -> Reals:
+def perez_formula(coefficients: Reals, view_zenith_angle: Reals, scattering_angle: Reals) -> Reals:
     """`perez` without checks, for arrays of one dtype."""
     rank = max(coefficients.ndim - 1, view_zenith_angle.ndim, scattering_angle.ndim)
     # Ranks are made equal, sizes are not: the horizon's factor stays as small as its arguments.

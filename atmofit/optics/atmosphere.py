@@ -1,6 +1,5 @@
 """The whole atmosphere, and its optical properties at given wavelengths."""
 
-from typing import Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -52,8 +51,8 @@ class Atmosphere(eqx.Module):
     haze: Haze | None = None
     absorbers: tuple[Absorber, ...] = ()
     ground: Ground | None = None
-    geometry: Literal["spherical", "flat", "paper"] = eqx.field(static=True, default="spherical")
-    preset: Literal["preetham1999", "standard"] = eqx.field(static=True, default="preetham1999")
+    geometry: str = eqx.field(static=True, default="spherical")
+    preset: str = eqx.field(static=True, default="preetham1999")
     radius: float = eqx.field(static=True, default=EARTH_RADIUS)
 
     def __check_init__(self) -> None:
@@ -66,7 +65,7 @@ class Atmosphere(eqx.Module):
     def from_turbidity(
         cls,
         turbidity: RealsLike,
-        geometry: Literal["spherical", "flat", "paper"] = "spherical",
+        geometry: str = "spherical",
     ) -> "Atmosphere":
         """The clear sky of the 1999 paper: molecules and haze over a black ground.
 

@@ -88,4 +88,3 @@ class Molecules(eqx.Module):
     def is_smooth(self) -> bool:
         """Whether the spectra promise that radiance may be interpolated between wavelengths."""
         return all_smooth(self.optical_depth)
-

@@ -92,7 +92,9 @@ class HenyeyGreenstein(PhaseFunction):
 
     def checked(self) -> "HenyeyGreenstein":
         """Refuse asymmetries outside (-1, 1)."""
-        return HenyeyGreenstein(checked_spectral("asymmetry", self.asymmetry, -_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY))
+        return HenyeyGreenstein(
+            checked_spectral("asymmetry", self.asymmetry, -_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY)
+        )
 
 
 class CornetteShanks(PhaseFunction):
@@ -120,7 +122,9 @@ class CornetteShanks(PhaseFunction):
 
     def checked(self) -> "CornetteShanks":
         """Refuse asymmetries outside (-1, 1)."""
-        return CornetteShanks(checked_spectral("asymmetry", self.asymmetry, -_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY))
+        return CornetteShanks(
+            checked_spectral("asymmetry", self.asymmetry, -_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY)
+        )
 
 
 class TabulatedPhase(PhaseFunction):
@@ -158,9 +162,9 @@ class TabulatedPhase(PhaseFunction):
             )
         if not is_traced(self):
             in_range("angle", self.angle, 0.0, math.pi + 1e-6, "rad")
-            in_range("values", self.values, np.finfo(np.float32).tiny, math.inf)
+            in_range("values", self.values, float(np.finfo(np.float32).tiny), math.inf)
             for name in ("angle", "wavelength_nm"):
-                if bool((jnp.diff(getattr(self, name)) <= 0).any()):
+                if np.any(np.diff(np.asarray(getattr(self, name), float)) <= 0):
                     raise ValueError(f"{name} of a TabulatedPhase must increase")
 
     def at_wavelengths(self, angle: Reals, wavelength_nm: Float[Array, " w"]) -> Reals:
@@ -193,7 +197,9 @@ class TabulatedPhase(PhaseFunction):
         """Weights of the knots' values at an angle: cubic Hermite with three-point slopes."""
         knots = self.angle
         x = jnp.clip(angle, knots[0], knots[-1])
-        panel = jnp.clip(jnp.searchsorted(knots, x, side="right", method="compare_all") - 1, 0, knots.size - 2)
+        panel = jnp.clip(
+            jnp.searchsorted(knots, x, side="right", method="compare_all") - 1, 0, knots.size - 2
+        )
         left = jax.nn.one_hot(panel, knots.size, dtype=x.dtype)
         right = jax.nn.one_hot(panel + 1, knots.size, dtype=x.dtype)
         width = knots[panel + 1] - knots[panel]

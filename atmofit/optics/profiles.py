@@ -10,6 +10,7 @@ import math
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.special import erf, erfc
 from jaxtyping import Array, Float
 
@@ -198,10 +199,10 @@ class Profile(_Panels):
             )
         if not is_traced(z, density):
             in_range("altitude", z, 0.0, 1e6, "m")
-            in_range("relative_density", density, 0.0, jnp.inf)
-            if bool((jnp.diff(z) <= 0).any()):
+            in_range("relative_density", density, 0.0, np.inf)
+            if (np.diff(np.asarray(z)) <= 0).any():
                 raise ValueError("altitude must increase from level to level")
-            if not bool(density.any()):
+            if not np.asarray(density).any():
                 raise ValueError("relative_density must be above 0 somewhere, got 0 everywhere")
 
     @property
@@ -232,7 +233,11 @@ class Profile(_Panels):
         mass = self._panel_mass()
         above = jnp.append(jnp.cumsum(mass[::-1])[::-1], 0.0)
         z = jnp.clip(altitude, self.altitude[0], self.altitude[-1])
-        panel = jnp.clip(jnp.searchsorted(self.altitude, z, side="right", method="compare_all") - 1, 0, mass.size - 1)
+        panel = jnp.clip(
+            jnp.searchsorted(self.altitude, z, side="right", method="compare_all") - 1,
+            0,
+            mass.size - 1,
+        )
         upper = self.altitude[panel + 1]
         here = jnp.interp(z, self.altitude, self.relative_density)
         rest = (upper - z) * (here + self.relative_density[panel + 1]) / 2

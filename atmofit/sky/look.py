@@ -27,7 +27,9 @@ class LineOfSight(eqx.Module):
     columns: Float[Array, "step constituent"]
 
 
-def line_of_sight(medium: Medium, paths: Paths, view: Scalar, count: int) -> LineOfSight:
+def line_of_sight(
+    medium: Medium, paths: Paths, view: Scalar, count: int, free_path: bool
+) -> LineOfSight:
     """Steps along a view ray, dense where the scattered light comes from.
 
     Args:
@@ -35,17 +37,21 @@ def line_of_sight(medium: Medium, paths: Paths, view: Scalar, count: int) -> Lin
         paths: The geometry.
         view: View zenith angle [rad].
         count: Number of steps. Static.
+        free_path: Whether steps follow the free path where it is shorter than the way to thinner
+            air. If not, they depend on the density profiles only, and atmospheres that differ in
+            optical depth share them. Static.
     """
     dtype = view.dtype
     cosine, sine = jnp.cos(view), jnp.sin(view)
     ground = jnp.zeros((), dtype)
-    # Steps begin to widen at the free path of the most opaque wavelength, or where the air thins.
-    density = jnp.stack([profile.density(ground) for profile in medium.profiles])
-    opaque = (density @ medium.extinction).max()
     length = paths.length_up(ground, cosine, medium.top)
     near = paths.length_up(ground, cosine, medium.scale)
-    free_path = safe_divide(1.0, opaque)
-    near = jnp.where(opaque > 0, jnp.minimum(near, free_path), near)
+    if free_path:
+        density = jnp.stack([profile.density(ground) for profile in medium.profiles])
+        opaque = (density @ medium.extinction).max()  # at the most opaque wavelength
+        near = jnp.where(
+            opaque > 0, jnp.minimum(near, safe_divide(jnp.ones_like(opaque), opaque)), near
+        )
     u, w = (jnp.asarray(x, dtype) for x in gauss_nodes(count))
     distance, slope = stretched(u, length, near)
     start = jnp.zeros_like(distance)
@@ -126,4 +132,3 @@ def second_scattering(
     of_mode = chebyshev_basis(safe_divide(along, sine), modes)
     weights = of_mode[:, :, None] * of_sun[:, None, :]
     return weights.reshape(-1) @ sources.reshape(steps * modes * suns, waves)
-

@@ -4,10 +4,13 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Bool
 
 from atmofit.numerics import safe_divide, safe_sqrt
 from atmofit.optics.profiles import DensityProfile
 from atmofit.typing import Reals, Scalar
+
+Bools = Bool[Array, "..."]
 
 _SMALLEST_COSINE = 1e-6  # of a ray in a flat atmosphere, which has no end at 0
 
@@ -79,7 +82,7 @@ class Paths(eqx.Module):
         return jnp.maximum(column, 0.0)
 
     @abc.abstractmethod
-    def _lowest(self, altitude: Reals, cosine: Reals, sine: Reals) -> tuple[Reals, Reals]:
+    def _lowest(self, altitude: Reals, cosine: Reals, sine: Reals) -> tuple[Reals, Bools]:
         """Altitude of a ray's lowest point, the ground at least, and where the ground is hit."""
 
 
@@ -142,7 +145,7 @@ class SphericalPaths(Paths):
         column = jnp.where(cosine < 0, 2 * at_lowest - rising, rising)
         return column, jnp.where(hidden, 0.0, 1.0).astype(column.dtype)
 
-    def _lowest(self, altitude: Reals, cosine: Reals, sine: Reals) -> tuple[Reals, Reals]:
+    def _lowest(self, altitude: Reals, cosine: Reals, sine: Reals) -> tuple[Reals, Bools]:
         """Altitude of a ray's lowest point, the ground at least, and where the ground is hit."""
         sinking = jnp.minimum(cosine, 0.0)
         low = altitude - (self.radius + altitude) * sinking**2 / (1 + sine)
@@ -191,7 +194,7 @@ class FlatPaths(Paths):
         up = jnp.where(cosine > 0, 1.0, 0.0).astype(cosine.dtype)
         return self.rising_column(profile, altitude, cosine), up
 
-    def _lowest(self, altitude: Reals, cosine: Reals, sine: Reals) -> tuple[Reals, Reals]:
+    def _lowest(self, altitude: Reals, cosine: Reals, sine: Reals) -> tuple[Reals, Bools]:
         """A sinking ray always meets the ground."""
         return jnp.where(cosine < 0, 0.0, altitude), cosine < 0
 

@@ -173,7 +173,7 @@ def _radiance(
     field: SkyField, sun: Scalar, directions: Directions
 ) -> Float[Array, "direction wavelength"]:
     """Radiance over solar irradiance [1/sr]."""
-    zenith, azimuth = directions.angles()
+    zenith = directions.view_zenith_angle
     if field.medium is None:
         return jnp.zeros((zenith.size, field.wavelength_nm.size), field.wavelength_nm.dtype)
     values = [
@@ -197,10 +197,10 @@ def _radiance_in(
 
     def of_ring(ring: tuple[Scalar, Float[Array, " azimuth"]]) -> Float[Array, "azimuth w"]:
         view, azimuths = ring
-        sight = line_of_sight(medium, paths, view, nodes.view)
+        sight = line_of_sight(medium, paths, view, nodes.view, free_path=True)
         total = jax.vmap(lambda a: single_scattering(medium, paths, sight, view, a, sun))(azimuths)
         for table in moments:
-            sight = line_of_sight(medium, paths, view, nodes.view_second)
+            sight = line_of_sight(medium, paths, view, nodes.view_second, free_path=False)
             sources = second_sources(medium, table, sight, nodes)
             total = total + jax.vmap(
                 lambda a: second_scattering(sources, table, sight.points, a, sun)  # noqa: B023
@@ -276,4 +276,3 @@ def _check_spectra(atmosphere: Atmosphere, wavelength_nm: Float[Array, " w"]) ->
 def _cast(tree: T, dtype: str) -> T:
     """Every array of a tree in one dtype."""
     return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_array(leaf) else leaf, tree)
-

@@ -15,7 +15,6 @@ from jaxtyping import Array, Float
 
 from atmofit.geometry import scattering_angle
 from atmofit.numerics import (
-    chebyshev_basis,
     chebyshev_nodes,
     chebyshev_transform,
     gauss_nodes,
@@ -86,9 +85,7 @@ def single_scattering_moments(medium: Medium, paths: Paths, nodes: Nodes) -> Mom
     to_altitude = jnp.asarray(chebyshev_transform(nodes.altitude), dtype)
     to_sun = jnp.asarray(chebyshev_transform(nodes.sun), dtype)
     in_sun = jnp.einsum("zmlsw,ks->zmlkw", values, to_sun)
-    return Moments(
-        jnp.einsum("zmlkw,jz->jmlkw", in_sun, to_altitude), top, scale, _SUN_LIMIT[flat]
-    )
+    return Moments(jnp.einsum("zmlkw,jz->jmlkw", in_sun, to_altitude), top, scale, _SUN_LIMIT[flat])
 
 
 def sun_place(sun: Reals, limit: float) -> Reals:
@@ -170,13 +167,13 @@ def _moments_at(
     )
     bend, spread = _bend(paths, azimuth, nodes.bend)
     gathered, from_ground = _along_rays(medium, paths, z, fan, sun, bend)
-    radiance = sum(
-        phase * jnp.tensordot(jnp.asarray(spread, dtype), part, 1)
-        for phase, part in zip(medium.phase_functions(angle), gathered, strict=True)
-    )
+    to_azimuth = jnp.asarray(spread, dtype)
+    radiance = jnp.zeros((*angle.shape, medium.wavelength_nm.size), dtype)
+    for phase, part in zip(medium.phase_functions(angle), gathered, strict=True):
+        radiance = radiance + phase * jnp.tensordot(to_azimuth, part, 1)
     if from_ground is not None:
-        lit = jnp.tensordot(jnp.asarray(spread, dtype), from_ground, 1)
-        radiance = radiance.at[:, :, -fan.to_ground :].add(lit)
+        reflected = jnp.tensordot(to_azimuth, from_ground, 1)
+        radiance = radiance.at[:, :, -fan.to_ground :].add(reflected)
     modes = np.arange(nodes.modes)[:, None]
     to_modes = np.cos(modes * azimuth[None, :]) * 2 * math.pi / nodes.azimuth
     in_modes = jnp.tensordot(jnp.asarray(to_modes, dtype), radiance, 1)

@@ -47,9 +47,7 @@ def test_candidates_differ_and_are_finite():
 def test_prior():
     prior = PerezPrior(strength=0.1)
     centre = jnp.asarray(np.stack([prior.centre, prior.centre + prior.width]))
-    np.testing.assert_allclose(
-        prior.residuals(centre), [np.zeros(5), np.full(5, 0.1)], atol=1e-12
-    )
+    np.testing.assert_allclose(prior.residuals(centre), [np.zeros(5), np.full(5, 0.1)], atol=1e-12)
     with pytest.raises(ValueError, match=r"strength must be at least 0, got -1"):
         PerezPrior(strength=-1)
     with pytest.raises(ValueError, match="width must be positive"):

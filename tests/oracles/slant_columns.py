@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline, RectBivariateSpline
 
 from oracles import Reals
 
-_TINY = 1e-300
+TINY = 1e-300
 
 SlantColumn = Callable[[Reals, Reals], Reals]
 
@@ -24,7 +24,7 @@ def _slant_distance(low: Reals, high: Reals, cos_zenith: Reals, radius: float) -
     """Straight distance upward from altitude low, at zenith cosine >= 0, to altitude high."""
     vertical = (radius + low) * cos_zenith
     rise = (high - low) * (2 * radius + low + high)
-    return rise / (vertical + np.sqrt(vertical**2 + rise) + _TINY)
+    return rise / (vertical + np.sqrt(vertical**2 + rise) + TINY)
 
 
 def _integrated_column(
@@ -35,7 +35,7 @@ def _integrated_column(
     radius: float,
     panels: int,
 ) -> Reals:
-    """Integral of density along straight rays of the given length, by Gauss quadrature in panels."""
+    """Integral of density along straight rays of a given length, by Gauss quadrature."""
     x, w = gauss_legendre(24)
     total = np.zeros(np.broadcast(altitude, cos_zenith).shape)
     r = (radius + altitude)[..., None]
@@ -48,7 +48,7 @@ def _integrated_column(
 
 
 def _cosine_grid(altitude: Reals, width: float) -> tuple[Reals, Reals, Reals]:
-    """Nodes u = cos / (cos + width) from horizon to zenith, and the mesh of altitudes and cosines."""
+    """Nodes u = cos / (cos + width), horizon to zenith; the mesh of altitudes and cosines."""
     u = np.linspace(0, 1 / (1 + width), 121)
     z, v = np.meshgrid(altitude, u, indexing="ij")
     return u, z, np.minimum(width * v / (1 - v), 1.0)

@@ -1,0 +1,244 @@
+"""Files: coefficients as JSON, skies as netCDF; written whole or not at all."""
+
+import dataclasses
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from atmofit.fit.refit import QUANTITIES, RefitResult, RefitSettings
+from atmofit.models.preetham import PreethamModel
+
+if TYPE_CHECKING:
+    import xarray
+
+_DISTRIBUTION = {
+    "x": "x_distribution",
+    "y": "y_distribution",
+    "Y": "luminance_distribution",
+}
+_ZENITH = {"x": "zenith_x", "y": "zenith_y", "Y": "zenith_luminance"}
+_PACKAGES = ("atmofit", "jax", "equinox", "optimistix", "numpy")
+
+
+def replace_file(path: Path, write: Callable[[Path], None]) -> Path:
+    """Write a file under a temporary name beside it, then rename: whole or not at all.
+
+    Args:
+        path: The file; its folder exists.
+        write: Writes the file whose path it is given.
+
+    Returns:
+        The path.
+
+    Raises:
+        OSError: It cannot be written; nothing is left behind.
+    """
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        write(temporary)
+        temporary.chmod(0o644)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return path
+
+
+def output_folder(path: Path) -> Path:
+    """Make a folder for results and see that it can be written, before any work is done.
+
+    Raises:
+        ValueError: It cannot be made or written.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        raise ValueError(
+            f"out must be a folder that can be written, got {str(path)!r} ({error.strerror})"
+        ) from error
+    return path
+
+
+def coefficients_to_dict(result: RefitResult) -> dict[str, Any]:
+    """Every fitted number with its standard error, the settings, versions and comparisons."""
+    return {
+        "form": "Preetham, Shirley and Smits (1999), appendix A.2; angles in rad, Y in kcd m^-2",
+        "turbidity_range": list(result.model.turbidity_range),
+        "distribution": {
+            q: {
+                name: {
+                    term: _number(fit.matrix[row, column], fit.standard_error[row, column])
+                    for column, term in enumerate(("slope", "intercept"))
+                }
+                for row, name in enumerate("ABCDE")
+            }
+            for q, fit in result.distributions.items()
+        },
+        "zenith": {
+            q: _numbers(np.asarray(fit.coefficients), np.asarray(fit.standard_error))
+            for q, fit in result.zeniths.items()
+        },
+        "quality": {q: _quality(result, q) for q in QUANTITIES},
+        "prior": {
+            "strength": float(result.distributions["Y"].prior.strength),
+            "centre": result.distributions["Y"].prior.centre.tolist(),
+            "width": result.distributions["Y"].prior.width.tolist(),
+        },
+        "comparison": {c.name: c.summary() for c in result.comparisons},
+        "settings": dataclasses.asdict(result.skies.settings),
+        "seconds": result.seconds,
+        "versions": {name: metadata.version(name) for name in _PACKAGES},
+    }
+
+
+def write_coefficients(result: RefitResult, path: Path) -> Path:
+    """Write `coefficients_to_dict` as JSON."""
+    text = json.dumps(coefficients_to_dict(result), indent=1)
+    return replace_file(path, lambda name: _write_text(name, text))
+
+
+def read_coefficients(path: Path) -> PreethamModel:
+    """Read a model that `write_coefficients` wrote.
+
+    Raises:
+        ValueError: The file is absent, or is not such a file.
+    """
+    return _read(path)[0]
+
+
+def read_settings(path: Path) -> RefitSettings:
+    """Read what a model was fitted to from the file that `write_coefficients` wrote.
+
+    Raises:
+        ValueError: The file is absent, or is not such a file.
+    """
+    return _read(path)[1]
+
+
+def _read(path: Path) -> tuple[PreethamModel, RefitSettings]:
+    """The model and the settings of a coefficients file."""
+    try:
+        stored = json.loads(Path(path).read_text(encoding="utf-8"))
+        matrices = {
+            _DISTRIBUTION[q]: [
+                [stored["distribution"][q][name][term]["value"] for term in ("slope", "intercept")]
+                for name in "ABCDE"
+            ]
+            for q in QUANTITIES
+        } | {_ZENITH[q]: _values(stored["zenith"][q]) for q in QUANTITIES}
+        settings: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in stored["settings"].items()
+        }
+        low, high = stored["turbidity_range"]
+        return PreethamModel(**matrices, turbidity_range=(low, high)), RefitSettings(**settings)
+    except OSError as error:
+        raise ValueError(f"file must exist, got {str(path)!r} ({error.strerror})") from error
+    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
+        raise ValueError(
+            f"file must be a coefficients.json of atmofit refit, got {str(path)!r} ({error})"
+        ) from error
+
+
+def to_dataset(result: RefitResult) -> "xarray.Dataset":
+    """Simulated skies and the regenerated model's residuals, with units and provenance."""
+    import xarray
+
+    skies, settings = result.skies, result.skies.settings
+    view, azimuth = (np.asarray(angle) for angle in skies.directions.angles())
+    sky = ("turbidity", "solar_zenith_angle", "direction")
+    radiance_unit = {"units": "W m-2 sr-1 nm-1", "long_name": "sky radiance at the ground"}
+    variables: dict[str, Any] = {
+        "radiance": ((*sky, "wavelength"), skies.radiance, radiance_unit),
+        "view_zenith_angle": ("direction", view, {"units": "rad", "long_name": "0 overhead"}),
+        "relative_azimuth": ("direction", azimuth, {"units": "rad", "long_name": "0 to the sun"}),
+    }
+    for index, name in enumerate(QUANTITIES):
+        unit = "cd m-2" if name == "Y" else "1"
+        label = "luminance" if name == "Y" else f"chromaticity_{name}"
+        variables[label] = (sky, skies.xyY[..., index], {"units": unit})
+        residual = result.residuals[..., index]
+        note = "regenerated model minus simulation"
+        variables[f"{label}_residual"] = (sky, residual, {"units": unit, "long_name": note})
+    coordinates = {
+        "turbidity": ("turbidity", np.asarray(settings.turbidity), {"units": "1"}),
+        "solar_zenith_angle": (
+            "solar_zenith_angle",
+            settings.solar_zenith_angle,
+            {"units": "rad"},
+        ),
+        "wavelength": ("wavelength", np.asarray(settings.wavelength_nm), {"units": "nm"}),
+    }
+    provenance = {
+        "title": "Clear skies simulated by atmofit",
+        "settings": json.dumps(dataclasses.asdict(settings)),
+        "versions": json.dumps({name: metadata.version(name) for name in _PACKAGES}),
+        "plan": str(settings.plan()),
+    }
+    return xarray.Dataset(variables, coordinates, provenance)
+
+
+def write_dataset(result: RefitResult, path: Path) -> Path:
+    """Write `to_dataset` as netCDF (h5netcdf)."""
+    dataset = result.dataset
+    packed = {name: {"zlib": True, "complevel": 4} for name in dataset.data_vars}
+    return replace_file(
+        path, lambda name: dataset.to_netcdf(name, engine="h5netcdf", encoding=packed)
+    )
+
+
+def _quality(result: RefitResult, quantity: str) -> dict[str, Any]:
+    """How well a quantity was fitted, and how far its parameters are determined."""
+    joint, single = result.distributions[quantity], result.single_skies[quantity]
+    zenith = result.zeniths[quantity]
+    return {
+        "weighting": joint.weighting,
+        "distribution": _statistics(joint) | {"steps": int(np.asarray(joint.steps))},
+        "zenith": {
+            "rms": float(zenith.rms),
+            "largest": float(zenith.largest),
+            "condition_number": float(zenith.condition_number),
+        },
+        "single_skies": _statistics(single) | {"skies": int(np.size(single.rms))},
+    }
+
+
+def _statistics(fit: Any) -> dict[str, Any]:
+    """Statistics of one fit, or the worst of many."""
+    return {
+        "converged": bool(np.all(fit.converged)),
+        "rms": float(np.sqrt(np.mean(np.square(fit.rms)))),
+        "largest": float(np.max(fit.largest)),
+        "condition_number": float(np.max(fit.condition_number)),
+    }
+
+
+def _number(value: Any, standard_error: Any) -> dict[str, float]:
+    return {"value": float(value), "standard_error": float(standard_error)}
+
+
+def _numbers(values: np.ndarray, standard_errors: np.ndarray) -> list[Any]:
+    """Nested lists of `_number`."""
+    if values.ndim == 0:
+        raise TypeError("a list of numbers is needed, got one number")
+    if values.ndim == 1:
+        return [_number(*pair) for pair in zip(values, standard_errors, strict=True)]
+    return [_numbers(*pair) for pair in zip(values, standard_errors, strict=True)]
+
+
+def _values(numbers: list[Any]) -> list[Any]:
+    """The values of nested lists of `_number`."""
+    return [item["value"] if isinstance(item, dict) else _values(item) for item in numbers]
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text + "\n", encoding="utf-8")
