@@ -13,9 +13,12 @@ from atmofit.colour import (
     spectrum_to_XYZ,
     xyY_to_XYZ,
 )
-from atmofit.fit.distribution import DistributionFit, PerezFit, fit_distribution, fit_perez
+from atmofit.fit.comparison import compare
+from atmofit.fit.distribution import DistributionFit, fit_distribution
 from atmofit.fit.parameters import PerezPrior
-from atmofit.fit.refit import RefitResult, RefitSettings, compare, refit, simulate_skies
+from atmofit.fit.refit import RefitResult, refit
+from atmofit.fit.single_sky import PerezFit, fit_perez
+from atmofit.fit.skies import RefitSettings, simulate_skies
 from atmofit.fit.zenith import ZenithFit, fit_zenith_chromaticity, fit_zenith_luminance
 from atmofit.geometry import DirectionGrid, Directions, dome_343, scattering_angle
 from atmofit.io import read_coefficients

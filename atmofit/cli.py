@@ -5,12 +5,14 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import jax
 import tyro
 
-from atmofit.fit.refit import RefitSettings, compare, refit, simulate_skies
+from atmofit.fit.comparison import compare
+from atmofit.fit.refit import refit
+from atmofit.fit.skies import RefitSettings, simulate_skies
 from atmofit.io import (
     output_folder,
     read_coefficients,
@@ -25,37 +27,21 @@ _STAGES = ("simulation", "colour", "joint fits", "zenith fits", "single skies", 
 
 
 @dataclasses.dataclass(frozen=True)
-class Simulation:
-    """What is simulated; nothing said means the reference job (for check: that of FILE)."""
-
-    rtol: float | None = None
-    """Promised relative error of luminance, 5e-4 to 1 (reference job: 1e-2)."""
-    orders: int | None = None
-    """Scattering orders, 1 or 2 (reference job: 2)."""
-    geometry: Literal["spherical", "flat", "paper"] | None = None
-    """Of the atmosphere (reference job: spherical)."""
-    turbidity: tuple[float, ...] | None = None
-    """At least three, 1 to 64 (reference job: 2 3 4 5 6)."""
-    suns: tuple[float, ...] | None = None
-    """Solar zenith angles in degrees, at least four (reference job: 0 8 ... 80 87)."""
-    dtype: Literal["float32", "float64"] | None = None
-    """Of the simulation (reference job: float32)."""
-
-    def settings(self, base: RefitSettings) -> RefitSettings:
-        """The settings with what was said in place of the base's."""
-        said: dict[str, Any] = {k: v for k, v in vars(self).items() if v is not None}
-        if "suns" in said:
-            said["solar_zenith_angle_deg"] = said.pop("suns")
-        return dataclasses.replace(base, **said)
-
-
-@dataclasses.dataclass(frozen=True)
 class Refit:
     """Simulate skies, fit the model of the 1999 paper to them, compare, report."""
 
-    simulation: Annotated[Simulation, tyro.conf.OmitArgPrefixes] = dataclasses.field(
-        default_factory=Simulation
-    )
+    rtol: float = 1e-2
+    """Promised relative error of luminance, 5e-4 to 1."""
+    orders: int = 2
+    """Scattering orders, 1 or 2."""
+    geometry: Literal["spherical", "flat", "paper"] = "spherical"
+    """Of the atmosphere; paper is flat below 70 degrees and spherical beyond."""
+    turbidity: tuple[float, ...] = RefitSettings.turbidity
+    """At least three, 1 to 64."""
+    suns: tuple[float, ...] = RefitSettings.solar_zenith_angle_deg
+    """Solar zenith angles in degrees, at least four."""
+    dtype: Literal["float32", "float64"] = "float32"
+    """Of the simulation; the fits are always in float64."""
     out: Path = Path("runs/refit")
     """Folder of coefficients.json, sky.nc, report.html and pictures."""
 
@@ -63,7 +49,14 @@ class Refit:
         """Do it."""
         from tqdm import tqdm
 
-        settings = self.simulation.settings(RefitSettings())
+        settings = RefitSettings(
+            turbidity=self.turbidity,
+            solar_zenith_angle_deg=self.suns,
+            orders=self.orders,
+            rtol=self.rtol,
+            geometry=self.geometry,
+            dtype=self.dtype,
+        )
         folder = output_folder(self.out)
         with tqdm(total=len(_STAGES) + 3, unit="stage", leave=False) as bar:
 
@@ -89,23 +82,23 @@ class Check:
 
     model: Annotated[str, tyro.conf.Positional]
     """A coefficients.json that refit wrote, or the word published."""
-    simulation: Annotated[Simulation, tyro.conf.OmitArgPrefixes] = dataclasses.field(
-        default_factory=Simulation
-    )
+    like: Path | None = None
+    """A coefficients.json whose skies are simulated again; without it those that the model was
+    fitted to, and for the published one those of the reference job."""
 
     def run(self) -> None:
         """Do it."""
-        if self.model == "published":
-            model, base = PREETHAM_1999, RefitSettings()
-        else:
-            model, base = read_coefficients(Path(self.model)), read_settings(Path(self.model))
-        skies = simulate_skies(self.simulation.settings(base))
+        published = self.model == "published"
+        model = PREETHAM_1999 if published else read_coefficients(Path(self.model))
+        like = self.like or (None if published else Path(self.model))
+        skies = simulate_skies(RefitSettings() if like is None else read_settings(like))
         print(comparison_text(compare(model, skies, self.model), skies))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; 0, or 2 after one line that says what was wrong."""
     use_compilation_cache()
+    jax.config.update("jax_enable_x64", True)
     commands = {"refit": Refit, "check": Check}
     command = tyro.extras.subcommand_cli_from_dict(commands, prog="atmofit", args=arguments)
     try:

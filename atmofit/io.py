@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from atmofit.fit.refit import QUANTITIES, RefitResult, RefitSettings
+from atmofit.fit.refit import RefitResult
+from atmofit.fit.skies import QUANTITIES, RefitSettings
 from atmofit.models.preetham import PreethamModel
 
 if TYPE_CHECKING:

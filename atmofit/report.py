@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from atmofit.fit.parameters import PerezPrior
-from atmofit.fit.refit import RefitResult, RefitSettings
+from atmofit.fit.refit import RefitResult
+from atmofit.fit.skies import RefitSettings
 from atmofit.render import html
 from atmofit.render.coefficients import DISTRIBUTIONS
 from atmofit.render.findings import CHROMATICITY_CLOSE, LUMINANCE_CLOSE, findings

@@ -2,9 +2,6 @@
 
 from pathlib import Path
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from measured_data import Prediction, Skies, luminance, read_npz
 
@@ -73,27 +70,17 @@ def free_perez(skies: Skies) -> Prediction:
     """
     values = np.concatenate([skies.luminance[..., None], skies.radiance], axis=-1)
     scale = values.mean(axis=1, keepdims=True)
-    suns = jnp.asarray(skies.solar_zenith_angle)
     fitted = scale * np.stack(
         [
-            np.asarray(_fit_and_evaluate(directions, sun, jnp.asarray(scan)))
-            for directions, sun, scan in zip(skies.directions, suns, values / scale, strict=True)
+            np.asarray(
+                af.fit_perez(directions, sun, scan.T).predict(directions, sun).T  # quantity first
+            )
+            for directions, sun, scan in zip(
+                skies.directions, skies.solar_zenith_angle, values / scale, strict=True
+            )
         ]
     )
     return Prediction("perez_free", fitted[..., 1:], fitted[..., 0])
-
-
-@eqx.filter_jit
-def _fit_and_evaluate(directions: af.Directions, sun: jax.Array, values: jax.Array) -> jax.Array:
-    """Fitted values of one scan, [direction, quantity]."""
-    fits = jax.vmap(lambda one: af.fit_perez(directions, sun, one, weighting="relative"))(values.T)
-    view, azimuth = directions.angles()
-    shape = af.perez(
-        fits.coefficients[:, None, :],
-        view[None, :],
-        af.scattering_angle(view, azimuth, sun)[None, :],
-    )
-    return (shape * fits.scale[:, None]).T
 
 
 def regenerated_model(coefficients: Path | None) -> af.PreethamModel:
@@ -124,6 +111,7 @@ def site_atmosphere(folder: Path) -> tuple[af.Atmosphere, af.Spectrum]:
             ),
             phase=af.CornetteShanks(float(given["mie_g"])),
         ),
+        ground=af.Ground(af.Spectrum(wavelength_nm, given["ground_albedo"])),
         radius=float(given["earth_radius_m"]),
     )
     return atmosphere, af.Spectrum(wavelength_nm, given["solar_irradiance"])

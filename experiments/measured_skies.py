@@ -45,7 +45,8 @@ wavelengths. Luminance: relative to the measured luminance of each direction.
 Both analytic models have turbidity {turbidity:.2f} (from the aerosol optical depth {depth:g} at
 550 nm, no lower than 2); their spectra are daylight spectra (CIE D series) of the model's
 chromaticity, scaled to its luminance. perez_free is fitted to each scan, and for the spectral
-figures to each wavelength. The simulation has the atmosphere of the codes, over a black ground.
+figures to each wavelength. The simulation has the atmosphere of the codes; a
+reflection at the ground counts as an order.
 September had another aerosol than the codes and the simulation were given."""
 RESAMPLING = """\
 What the resampling does: measured spectra averaged over the 11.75 nm that begin at each

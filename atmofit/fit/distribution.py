@@ -12,16 +12,12 @@ from atmofit.fit.parameters import PerezPrior
 from atmofit.fit.single_sky import (
     DEFAULT_PRIOR,
     MAX_STEPS,
-    PerezFit,
     direction_angles,
-    fit_perez,
     search,
 )
 from atmofit.geometry import HORIZON, DirectionGrid, Directions, scattering_angle
 from atmofit.models.perez import perez_formula
 from atmofit.typing import Reals, RealsLike, Scalar
-
-__all__ = ["DistributionFit", "PerezFit", "fit_distribution", "fit_perez"]
 
 
 class DistributionFit(eqx.Module):
@@ -84,7 +80,7 @@ def fit_distribution(
         values: Shape [turbidity, sun, direction axes], any unit; positive unless weighting is
             "absolute".
         zenith_value: Shape [turbidity, sun]. None: the value in the direction at the zenith.
-        weighting: Of the ratios: "relative", "absolute" or "log", see `weighting.misfit`.
+        weighting: Of the ratios: "relative", "absolute" or "log", see `weighting.measure`.
         prior: What decides where data leave a parameter open.
         max_steps: Steps allowed.
 
@@ -117,10 +113,10 @@ def fit_distribution(
         zenith = weights.checked_values("zenith_value", zenith_value, "relative")
         if zenith.shape != data.shape[:2]:
             raise ValueError(f"zenith_value must have shape {data.shape[:2]}, got {zenith.shape}")
-    arrays = _fit_table(
-        view, azimuth, sun.astype(data.dtype), T.astype(data.dtype), data / zenith[..., None],
-        prior, weighting, max_steps,
-    )  # fmt: skip
+    ratios = data / zenith[..., None]
+    measure = weights.measure(ratios, weighting)
+    sun, T = sun.astype(data.dtype), T.astype(data.dtype)
+    arrays = _fit_table(view, azimuth, sun, T, ratios, measure, prior, max_steps)
     return DistributionFit(**arrays, weighting=weighting, prior=prior)
 
 
@@ -144,8 +140,8 @@ def _fit_table(
     suns: Reals,
     turbidity: Reals,
     ratios: Float[Array, "turbidity sun direction"],
+    measure: weights.Measure,
     prior: PerezPrior,
-    weighting: str,
     max_steps: int,
 ) -> dict[str, Array]:
     γ = scattering_angle(view[None, :], azimuth[None, :], suns[:, None])
@@ -160,7 +156,7 @@ def _fit_table(
 
     def of_ends(ends: Float[Array, "2 5"]) -> Float[Array, "turbidity sun direction"]:
         mix = ends[0][None, :] * (1 - upper[:, None]) + ends[1][None, :] * upper[:, None]
-        return weights.misfit(shape(mix), ratios, weighting)
+        return measure.misfit(shape(mix), ratios)
 
     def of_all(free: Reals) -> Reals:
         ends = free.reshape(2, 5)

@@ -84,7 +84,7 @@ def fit_perez(
         directions: At least as many as parameters.
         solar_zenith_angle: 0 to pi/2 [rad]; broadcasts against the axes of the skies.
         values: Shape [..., direction axes], any unit; positive unless weighting is "absolute".
-        weighting: "relative", "absolute" or "log", see `weighting.misfit`.
+        weighting: "relative", "absolute" or "log", see `weighting.measure`.
         fit_scale: Fit the scale too; False fixes it at 1.
         prior: What decides where data leave a parameter open.
         max_steps: Steps allowed.
@@ -113,10 +113,9 @@ def fit_perez(
         raise ValueError(
             f"solar_zenith_angle must broadcast to the skies' shape {skies}, got {sun.shape}"
         ) from None
-    fitted = _fit_skies(
-        view, azimuth, sun.ravel(), data.reshape(-1, view.size), prior, weighting, fit_scale,
-        max_steps,
-    )  # fmt: skip
+    data = data.reshape(-1, view.size)
+    measure = weights.measure(data, weighting, axes=1)
+    fitted = _fit_skies(view, azimuth, sun.ravel(), data, measure, prior, fit_scale, max_steps)
     arrays = jax.tree.map(lambda leaf: leaf.reshape(skies + leaf.shape[1:]), fitted)
     return PerezFit(**arrays, weighting=weighting, prior=prior)
 
@@ -137,42 +136,43 @@ def _fit_skies(
     azimuth: Reals,
     suns: Reals,
     values: Float[Array, "sky direction"],
+    measure: weights.Measure,
     prior: PerezPrior,
-    weighting: str,
     fit_scale: bool,
     max_steps: int,
 ) -> dict[str, Array]:
-    def one(sun: Scalar, data: Reals) -> dict[str, Array]:
+    def one(sun: Scalar, data: Reals, measure: weights.Measure) -> dict[str, Array]:
         γ = scattering_angle(view, azimuth, sun)
         # The unit of the data must not matter for the guards.
         unit = jnp.sqrt(jnp.mean(data**2)) if fit_scale else jnp.ones_like(sun)
-        fitted = _fit_sky(view, γ, data / unit, prior, weighting, fit_scale, max_steps)
+        measure = weights.Measure(measure.unit / unit, measure.log)
+        fitted = _fit_sky(view, γ, data / unit, measure, prior, fit_scale, max_steps)
         units = jnp.append(jnp.ones(5, unit.dtype), unit)
         fitted["scale"] = fitted["scale"] * unit
         fitted["standard_error"] = fitted["standard_error"] * units
         fitted["covariance"] = fitted["covariance"] * units[:, None] * units[None, :]
         return fitted
 
-    return jax.vmap(one)(suns, values)
+    return jax.vmap(one)(suns, values, measure)
 
 
 def _fit_sky(
     view: Reals,
     γ: Reals,
     data: Reals,
+    measure: weights.Measure,
     prior: PerezPrior,
-    weighting: str,
     fit_scale: bool,
     max_steps: int,
 ) -> dict[str, Array]:
     share = 1 / np.sqrt(data.size)
 
     def best(shape: Reals) -> Scalar:
-        return weights.best_scale(shape, data, weighting) if fit_scale else jnp.ones_like(shape[0])
+        return measure.best_scale(shape, data) if fit_scale else jnp.ones_like(shape[0])
 
     def of_data(free: Reals) -> Reals:
         shape = perez_formula(parameters.to_coefficients(free), view, γ)
-        return weights.misfit(best(shape) * shape, data, weighting) * share
+        return measure.misfit(best(shape) * shape, data) * share
 
     def of_all(free: Reals) -> Reals:
         return jnp.append(of_data(free), prior.residuals(free))
@@ -181,11 +181,11 @@ def _fit_sky(
     coefficients = parameters.to_coefficients(minimum.parameters)
     shape = perez_formula(coefficients, view, γ)
     scale = best(shape)
-    residuals = weights.misfit(scale * shape, data, weighting)
+    residuals = measure.misfit(scale * shape, data)
 
     def of_published(p: Reals) -> Reals:
         factor = p[5] if fit_scale else jnp.ones_like(p[0])
-        return weights.misfit(factor * perez_formula(p[:5], view, γ), data, weighting) * share
+        return measure.misfit(factor * perez_formula(p[:5], view, γ), data) * share
 
     def of_prior(p: Reals) -> Reals:
         return prior.residuals(parameters.to_free(p[:5]))

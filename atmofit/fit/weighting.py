@@ -1,5 +1,6 @@
 """How the difference between model and data is measured."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -37,31 +38,46 @@ def checked_values(name: str, values: RealsLike, weighting: str) -> Reals:
     return array
 
 
-def misfit(model: Reals, values: Reals, weighting: str) -> Reals:
-    """Residuals, dimensionless.
+class Measure(eqx.Module):
+    """What a residual is counted in; a traced unit, so that weightings share compiled programs.
+
+    Attributes:
+        unit: Of each residual, of the shape of the values; not used for logarithms.
+        log: Whether residuals are differences of logarithms. Static.
+    """
+
+    unit: Reals
+    log: bool = eqx.field(static=True)
+
+    def misfit(self, model: Reals, values: Reals) -> Reals:
+        """Residuals, dimensionless."""
+        if self.log:
+            return safe_log(model) - jnp.log(values)
+        return (model - values) / self.unit
+
+    def best_scale(self, shape: Reals, values: Reals) -> Scalar:
+        """The factor on a model's shape that makes the sum of squared residuals smallest."""
+        if self.log:
+            return jnp.exp(jnp.mean(jnp.log(values) - safe_log(shape)))
+        tiny = float(jnp.finfo(shape.dtype).tiny)
+        model, data = shape / self.unit, values / self.unit
+        return jnp.sum(model * data) / (jnp.sum(model**2) + tiny)
+
+
+def measure(values: Reals, weighting: str, axes: int | None = None) -> Measure:
+    """How residuals of the values are counted.
 
     Args:
-        model: Any shape.
-        values: Data of the same shape.
+        values: Data.
         weighting: "relative" to each value, "absolute" in units of the values' root mean square,
             or "log", the difference of logarithms.
+        axes: The last so many axes hold one set of data; None: all.
     """
     if weighting == "relative":
-        return model / values - 1
-    if weighting == "absolute":
-        return (model - values) / jnp.sqrt(jnp.mean(values**2))
-    return safe_log(model) - jnp.log(values)
-
-
-def best_scale(shape: Reals, values: Reals, weighting: str) -> Scalar:
-    """The factor on a model's shape that makes the sum of squared residuals smallest."""
-    tiny = float(jnp.finfo(shape.dtype).tiny)
-    if weighting == "log":
-        return jnp.exp(jnp.mean(jnp.log(values) - safe_log(shape)))
-    if weighting == "relative":
-        ratio = shape / values
-        return jnp.sum(ratio) / (jnp.sum(ratio**2) + tiny)
-    return jnp.sum(shape * values) / (jnp.sum(shape**2) + tiny)
+        return Measure(values, log=False)
+    last = None if axes is None else tuple(range(-axes, 0))
+    size = jnp.sqrt(jnp.mean(values**2, axis=last, keepdims=True))
+    return Measure(jnp.broadcast_to(size, values.shape), log=weighting == "log")
 
 
 def safe_log(x: Reals) -> Reals:

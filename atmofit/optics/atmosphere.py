@@ -1,6 +1,5 @@
 """The whole atmosphere, and its optical properties at given wavelengths."""
 
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float

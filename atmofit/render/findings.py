@@ -4,7 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from atmofit.fit.refit import Comparison, RefitResult, RefitSettings
+from atmofit.fit.comparison import Comparison
+from atmofit.fit.refit import RefitResult
+from atmofit.fit.skies import RefitSettings
 from atmofit.models.preetham import PREETHAM_1999
 from atmofit.render.coefficients import DISTRIBUTIONS, distribution, zenith
 

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from atmofit.fit.refit import Comparison, RefitSettings
+from atmofit.fit.comparison import Comparison
+from atmofit.fit.skies import RefitSettings
 from atmofit.render.image import new_figure
 from atmofit.render.panorama import DIFFERENCES, MAGNITUDES
 
@@ -15,8 +16,8 @@ if TYPE_CHECKING:
 
 # Field, title, kind of colours, factor on the numbers printed, and their format.
 _ROWS = (
-    ("luminance_ratio", "mean of model Y / simulated Y", "ratio", 1, ".2f"),
-    ("luminance_rms", "rms of model Y / simulated Y − 1 [%]", "size", 100, ".0f"),
+    ("luminance_ratio", "mean of model Y / simulated Y", "ratio", 1.0, ".2f"),
+    ("luminance_rms", "rms of model Y / simulated Y − 1 [%]", "size", 100.0, ".0f"),
     ("x_mean", "mean of model x − simulated x [10⁻³]", "difference", 1e3, ".0f"),
     ("x_rms", "rms of model x − simulated x [10⁻³]", "size", 1e3, ".0f"),
     ("y_mean", "mean of model y − simulated y [10⁻³]", "difference", 1e3, ".0f"),

@@ -64,7 +64,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, words: bool = F
         rows: Cells as text.
         words: Whether the cells are words rather than numbers.
     """
-    lines = [f'<div class="wide"><table{" class=words" if words else ""}>']
+    words_class = ' class="words"' if words else ""
+    lines = [f'<div class="wide"><table{words_class}>']
     if head:
         cells = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
         lines.append(f"<thead><tr>{cells}</tr></thead>")

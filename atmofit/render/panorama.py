@@ -180,7 +180,7 @@ class _Net:
     def pixels(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Where the centres of the pixels take their values; NaN: nowhere."""
         centres = HORIZON_DEG * (2 * (np.arange(count) + 0.5) / count - 1)
-        right, up = np.meshgrid(centres, -centres)
+        right, up = np.meshgrid(np.abs(centres) if self.copies == 2 else centres, -centres)
         inner, outer = self._edge()
         if inner < ROUND * outer:
             return right, up
@@ -216,10 +216,10 @@ def _net(view: bytes, azimuth: bytes) -> _Net:
         points = np.concatenate([points, np.stack([-right, up], axis=-1)])
     # Adding 0 turns -0 into 0.
     rounded = np.round(points, DIRECTION_DECIMALS) + 0.0
-    unique, chosen = np.unique(rounded, axis=0, return_index=True)
-    if len(unique) < 3:
-        raise ValueError(f"a dome needs at least three directions, got {len(unique)}")
-    return _Net(Triangulation(unique[:, 0], unique[:, 1]), 2 if half else 1, chosen)
+    _, chosen = np.unique(rounded, axis=0, return_index=True)
+    if len(chosen) < 3:
+        raise ValueError(f"a dome needs at least three directions, got {len(chosen)}")
+    return _Net(Triangulation(*points[chosen].T), 2 if half else 1, chosen)
 
 
 def mark_sun(axes: "Axes", solar_zenith_angle: float) -> None:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from atmofit.fit.refit import QUANTITIES, RefitResult, SimulatedSkies
+from atmofit.fit.refit import RefitResult
+from atmofit.fit.skies import QUANTITIES, SimulatedSkies
 from atmofit.models.preetham import CANDELA_PER_KILOCANDELA, PREETHAM_1999, PreethamModel
 from atmofit.render import heat_maps
 from atmofit.render.coefficients import PUBLISHED, REGENERATED, draw_matrices

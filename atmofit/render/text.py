@@ -5,8 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from atmofit.fit.comparison import Comparison
 from atmofit.fit.parameters import NAMES
-from atmofit.fit.refit import Comparison, RefitResult, SimulatedSkies
+from atmofit.fit.refit import RefitResult
+from atmofit.fit.skies import SimulatedSkies
 from atmofit.models.preetham import PREETHAM_1999
 from atmofit.render.coefficients import (
     CHROMATICITY_CELLS,
@@ -41,7 +43,7 @@ def error(value: float) -> str:
 
 def condition(value: float) -> str:
     """A condition number with at least two digits, written out."""
-    return f"{float(value):.0f}" if value >= 10 else f"{float(value):.1f}"
+    return f"{value:.0f}" if value >= 10 else f"{value:.1f}"
 
 
 def coefficient_rows(result: RefitResult, quantity: str) -> list[tuple[str, ...]]:
@@ -88,7 +90,7 @@ def statistic_rows(comparisons: Sequence[Comparison]) -> list[tuple[str, ...]]:
 
 def summary_text(result: RefitResult) -> str:
     """Coefficients beside the published ones, quality of the fits and comparison, as plain text."""
-    lines = ["Perez coefficients, slope T + intercept: published | regenerated ± standard error"]
+    lines = ["Perez coefficients (slope T + intercept): published | regenerated ± its error"]
     for quantity in DISTRIBUTIONS:
         lines.append(f"{quantity:<4}{'slope':^32} {'intercept':^32}")
         for name, *cells in coefficient_rows(result, quantity):
@@ -96,7 +98,7 @@ def summary_text(result: RefitResult) -> str:
         fit = result.distributions[quantity]
         lines.append(
             f"    rms {float(fit.rms):.2g} ({fit.weighting}), condition number "
-            f"{condition(fit.condition_number)}, {int(fit.steps)} steps, "
+            f"{condition(float(fit.condition_number))}, {int(fit.steps)} steps, "
             + ("converged" if bool(fit.converged) else "NOT CONVERGED")
         )
     lines.append("Zenith luminance [kcd m^-2]: published | regenerated ± standard error")
@@ -105,7 +107,7 @@ def summary_text(result: RefitResult) -> str:
         fit = result.zeniths[quantity]
         lines.append(
             f"  zenith {quantity}: rms {float(fit.rms):.2g} ({fit.weighting}), condition number "
-            f"{condition(fit.condition_number)}"
+            f"{condition(float(fit.condition_number))}"
         )
     lines += ["", *_statistics(result.comparisons)]
     return "\n".join(lines)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from simple_skies import SUNS, TURBIDITIES, scattered_xyY
 
-from atmofit.fit import single_sky
-from atmofit.fit.distribution import fit_distribution, fit_perez
+from atmofit.fit import single_sky, weighting
+from atmofit.fit.distribution import fit_distribution
 from atmofit.fit.parameters import PerezPrior
+from atmofit.fit.single_sky import fit_perez
 from atmofit.geometry import DirectionGrid, Directions, dome_343, scattering_angle
 from atmofit.models.perez import perez
 from atmofit.models.preetham import PREETHAM_1999
@@ -120,10 +121,10 @@ def test_bad_sky_spoils_only_itself(noisy):
     skies = skies.reshape(180, 343).copy()
     skies[77, 4] = np.nan
     suns = jnp.asarray(np.full(180, 0.9))
-    fit = single_sky._fit_skies(
-        *DOME.angles(), suns, jnp.asarray(skies), single_sky.DEFAULT_PRIOR,
-        "relative", True, single_sky.MAX_STEPS,
-    )  # fmt: skip
+    values = jnp.asarray(skies)
+    measure = weighting.measure(values, "relative", axes=1)
+    settings = (single_sky.DEFAULT_PRIOR, True, single_sky.MAX_STEPS)
+    fit = single_sky._fit_skies(*DOME.angles(), suns, values, measure, *settings)
     good = np.arange(180) != 77
     for name in ("coefficients", "scale", "standard_error", "rms", "largest"):
         finite = np.isfinite(fit[name]).reshape(180, -1)

@@ -63,9 +63,9 @@ def test_best_scale_is_the_minimum(kind):
     values = 7.0 * shape * jnp.asarray(rng.uniform(0.9, 1.1, 50))
 
     def loss(scale):
-        return jnp.sum(weighting.misfit(scale * shape, values, kind) ** 2)
+        return jnp.sum(weighting.measure(values, kind).misfit(scale * shape, values) ** 2)
 
-    best = weighting.best_scale(shape, values, kind)
+    best = weighting.measure(values, kind).best_scale(shape, values)
     curvature = float(jax.grad(jax.grad(loss))(best))
     assert abs(float(jax.grad(loss)(best))) < 1e-9 * curvature * float(best)
     assert float(best) == pytest.approx(7.0, rel=0.05)
@@ -74,10 +74,12 @@ def test_best_scale_is_the_minimum(kind):
 def test_misfits_agree_where_they_are_small():
     values = jnp.asarray([2.0, 3.0, 4.0])
     model = values * (1 + 1e-5)
-    relative = weighting.misfit(model, values, "relative")
+    relative = weighting.measure(values, "relative").misfit(model, values)
     np.testing.assert_allclose(relative, 1e-5, rtol=1e-6)
-    np.testing.assert_allclose(weighting.misfit(model, values, "log"), relative, rtol=1e-4)
-    absolute = weighting.misfit(model, values, "absolute")
+    np.testing.assert_allclose(
+        weighting.measure(values, "log").misfit(model, values), relative, rtol=1e-4
+    )
+    absolute = weighting.measure(values, "absolute").misfit(model, values)
     np.testing.assert_allclose(absolute * np.sqrt(29 / 3), (model - values), rtol=1e-9)
 
 

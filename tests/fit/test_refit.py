@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import atmofit as af
-from atmofit.fit.refit import QUANTITIES, predict
+from atmofit.fit.comparison import predict
+from atmofit.fit.skies import QUANTITIES
 from atmofit.io import (
     coefficients_to_dict,
     output_folder,
@@ -114,7 +115,7 @@ def test_dictionary_has_every_number(result):
         ({"wavelength_nm": (300.0, 500.0)}, "wavelength_nm must be .* got 300"),
         ({"rtol": -1.0}, r"rtol must be between 0\.0005 and 1, got -1"),
         ({"orders": 3}, "orders must be 1 or 2, got 3"),
-        ({"geometry": "round"}, 'geometry must be one of .* got .round'),
+        ({"geometry": "round"}, "geometry must be one of .* got .round"),
         ({"dtype": "float16"}, "dtype must be one of"),
         ({"weighting": "none"}, "weighting must be one of"),
     ],

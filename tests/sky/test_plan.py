@@ -1,0 +1,75 @@
+"""Plans: what is computed, what is left out, and what is refused."""
+
+import jax
+import numpy as np
+import pytest
+
+import atmofit as af
+
+AIR = af.Atmosphere(af.Molecules())
+
+
+@pytest.mark.parametrize(
+    ("rtol", "rung"),
+    [(1.0, 5e-2), (5e-2, 5e-2), (4e-2, 1e-2), (1e-2, 1e-2), (1e-3, 5e-4), (5e-4, 5e-4)],
+)
+def test_the_next_finer_rung_is_taken(rtol, rung):
+    assert af.plan_sky(AIR, rtol=rtol).rtol == rung
+
+
+def test_finer_rungs_have_more_nodes():
+    nodes = [vars(af.plan_sky(AIR, rtol=r).nodes) for r in (5e-2, 1e-2, 2e-3, 5e-4)]
+    for coarse, fine in zip(nodes[:-1], nodes[1:], strict=True):
+        assert all(fine[name] >= coarse[name] for name in fine if name != "wavelength")
+
+
+def test_plans_compare_by_what_shapes_the_program():
+    one, two = af.plan_sky(AIR), af.plan_sky(af.Atmosphere.from_turbidity(2.0))
+    assert one.left_out != two.left_out
+    assert one == two
+    assert hash(one) == hash(two)
+    assert one != af.plan_sky(AIR, orders=1)
+
+
+def test_a_printed_plan_says_what_is_left_out():
+    text = str(af.plan_sky(AIR, orders=1))
+    for words in ("second order: orders=1", "haze: absent", "ground: absent", "absorbers: absent"):
+        assert f"left out: {words}" in text
+    assert "computed: molecules" in text
+    everything = af.Atmosphere(
+        af.Molecules(),
+        af.Haze(0.1),
+        (af.Absorber(0.1, af.GaussianLayer(22e3, 5e3)),),
+        af.Ground(0.1),
+    )
+    text = str(af.plan_sky(everything))
+    for words in ("molecules", "haze", "1 absorber(s)", "ground", "every wavelength asked for"):
+        assert f"computed: {words}" in text
+    assert "left out: polarisation and refraction" in text
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"orders": 3}, "orders must be 1 or 2, got 3"),
+        ({"orders": "all"}, "orders must be 1 or 2, got 'all'"),
+        ({"rtol": -1e-2}, "rtol must be between 0.0005 and 1, got -0.01"),
+        ({"rtol": 0.0}, "rtol must be .* got 0$"),
+        ({"rtol": np.nan}, "rtol must be .* got nan"),
+        ({"dtype": "float16"}, 'dtype must be "float32" or "float64", got \'float16\''),
+        ({"solar_zenith_angle": 1.6}, "solar_zenith_angle must be .* rad, got 1.6"),
+        ({"solar_zenith_angle": [0.1, np.nan]}, r"got nan \(1 of 2 values\)"),
+    ],
+)
+def test_what_is_refused(keywords, message):
+    with pytest.raises(ValueError, match=message):
+        af.plan_sky(AIR, **keywords)
+
+
+def test_a_tracer_is_refused():
+    with pytest.raises(TypeError, match="solar_zenith_angle of plan_sky must be known"):
+        jax.jit(lambda sun: af.plan_sky(AIR, solar_zenith_angle=sun) and sun)(0.5)
+
+
+def test_known_suns_pass():
+    assert af.plan_sky(AIR, solar_zenith_angle=np.radians([0.0, 90.0])) == af.plan_sky(AIR)
