@@ -5,18 +5,15 @@ import json
 import os
 import tempfile
 from collections.abc import Callable
-from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from atmofit.fit.dataset import versions
 from atmofit.fit.refit import RefitResult
 from atmofit.fit.skies import QUANTITIES, RefitSettings
 from atmofit.models.preetham import PreethamModel
-
-if TYPE_CHECKING:
-    import xarray
 
 _DISTRIBUTION = {
     "x": "x_distribution",
@@ -24,7 +21,6 @@ _DISTRIBUTION = {
     "Y": "luminance_distribution",
 }
 _ZENITH = {"x": "zenith_x", "y": "zenith_y", "Y": "zenith_luminance"}
-_PACKAGES = ("atmofit", "jax", "equinox", "optimistix", "numpy")
 
 
 def replace_file(path: Path, write: Callable[[Path], None]) -> Path:
@@ -97,7 +93,7 @@ def coefficients_to_dict(result: RefitResult) -> dict[str, Any]:
         "comparison": {c.name: c.summary() for c in result.comparisons},
         "settings": dataclasses.asdict(result.skies.settings),
         "seconds": result.seconds,
-        "versions": {name: metadata.version(name) for name in _PACKAGES},
+        "versions": versions(),
     }
 
 
@@ -150,46 +146,8 @@ def _read(path: Path) -> tuple[PreethamModel, RefitSettings]:
         ) from error
 
 
-def to_dataset(result: RefitResult) -> "xarray.Dataset":
-    """Simulated skies and the regenerated model's residuals, with units and provenance."""
-    import xarray
-
-    skies, settings = result.skies, result.skies.settings
-    view, azimuth = (np.asarray(angle) for angle in skies.directions.angles())
-    sky = ("turbidity", "solar_zenith_angle", "direction")
-    radiance_unit = {"units": "W m-2 sr-1 nm-1", "long_name": "sky radiance at the ground"}
-    variables: dict[str, Any] = {
-        "radiance": ((*sky, "wavelength"), skies.radiance, radiance_unit),
-        "view_zenith_angle": ("direction", view, {"units": "rad", "long_name": "0 overhead"}),
-        "relative_azimuth": ("direction", azimuth, {"units": "rad", "long_name": "0 to the sun"}),
-    }
-    for index, name in enumerate(QUANTITIES):
-        unit = "cd m-2" if name == "Y" else "1"
-        label = "luminance" if name == "Y" else f"chromaticity_{name}"
-        variables[label] = (sky, skies.xyY[..., index], {"units": unit})
-        residual = result.residuals[..., index]
-        note = "regenerated model minus simulation"
-        variables[f"{label}_residual"] = (sky, residual, {"units": unit, "long_name": note})
-    coordinates = {
-        "turbidity": ("turbidity", np.asarray(settings.turbidity), {"units": "1"}),
-        "solar_zenith_angle": (
-            "solar_zenith_angle",
-            settings.solar_zenith_angle,
-            {"units": "rad"},
-        ),
-        "wavelength": ("wavelength", np.asarray(settings.wavelength_nm), {"units": "nm"}),
-    }
-    provenance = {
-        "title": "Clear skies simulated by atmofit",
-        "settings": json.dumps(dataclasses.asdict(settings)),
-        "versions": json.dumps({name: metadata.version(name) for name in _PACKAGES}),
-        "plan": str(settings.plan()),
-    }
-    return xarray.Dataset(variables, coordinates, provenance)
-
-
 def write_dataset(result: RefitResult, path: Path) -> Path:
-    """Write `to_dataset` as netCDF (h5netcdf)."""
+    """Write a result's dataset as netCDF (h5netcdf)."""
     dataset = result.dataset
     packed = {name: {"zlib": True, "complevel": 4} for name in dataset.data_vars}
     return replace_file(

@@ -3,12 +3,12 @@
 import datetime
 import platform
 from collections.abc import Mapping
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from atmofit.fit.dataset import versions
 from atmofit.fit.parameters import PerezPrior
 from atmofit.fit.refit import RefitResult
 from atmofit.fit.skies import RefitSettings
@@ -31,7 +31,6 @@ from atmofit.render.text import (
 
 __all__ = ["comparison_text", "report_html", "summary_text", "write_report"]
 
-_PACKAGES = ("atmofit", "jax", "equinox", "optimistix", "numpy", "matplotlib")
 _TRIPLE = ("published", "regenerated", "standard error")
 _CAPTIONS = {
     "matrices.png": "Every coefficient as published and as regenerated. The bars are two standard "
@@ -233,7 +232,7 @@ def _prior(prior: PerezPrior) -> str:
 
 def _run(result: RefitResult) -> list[str]:
     now = datetime.datetime.now(datetime.UTC)
-    versions = [f"{name} {metadata.version(name)}" for name in _PACKAGES]
+    packages = [f"{name} {version}" for name, version in versions().items()]
     stages = [[stage, f"{seconds:.2f}"] for stage, seconds in result.seconds.items()]
     stages.append(["all", f"{sum(result.seconds.values()):.2f}"])
     return [
@@ -245,7 +244,7 @@ def _run(result: RefitResult) -> list[str]:
         html.paragraph("The first run of a program on a machine includes its compilation."),
         html.paragraph(
             f"Written {now:%Y-%m-%d %H:%M} UTC with Python {platform.python_version()}, "
-            f"{', '.join(versions)}."
+            f"{', '.join(packages)}."
         ),
     ]
 

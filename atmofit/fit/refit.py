@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from atmofit.fit.comparison import Comparison, compare, predict
+from atmofit.fit.dataset import to_dataset
 from atmofit.fit.distribution import DistributionFit, fit_distribution
 from atmofit.fit.single_sky import PerezFit, fit_perez
 from atmofit.fit.skies import (
@@ -68,9 +69,7 @@ class RefitResult:
     @property
     def dataset(self) -> "xarray.Dataset":
         """Simulated skies, residuals and units as an xarray dataset."""
-        from atmofit.io import to_dataset
-
-        return to_dataset(self)
+        return to_dataset(self.skies, self.residuals)
 
 
 def refit(
