@@ -11,7 +11,7 @@ from jax.core import Tracer
 
 from atmofit.typing import Reals, RealsLike, real_array
 
-_ANGLE_SLACK = 1e-6  # relative; the float32 nearest to pi / 2 lies above it
+_ANGLE_SLACK = 1e-6  # [rad]; the float32 nearest to pi / 2 lies above it
 _debug = False
 
 
@@ -35,7 +35,9 @@ def is_traced(*values: object) -> bool:
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
 
 
-def in_range(name: str, value: RealsLike, low: float, high: float, unit: str = "") -> Reals:
+def in_range(
+    name: str, value: RealsLike, low: float, high: float, unit: str = "", *, slack: float = 0.0
+) -> Reals:
     """Return the value as an array if it lies in [low, high].
 
     Args:
@@ -44,6 +46,7 @@ def in_range(name: str, value: RealsLike, low: float, high: float, unit: str = "
         low: Smallest allowed value.
         high: Largest allowed value; infinity itself is never allowed.
         unit: Unit, for the message.
+        slack: How far beyond the limits rounding may put a value.
 
     Returns:
         The value as a floating-point array. A traced value is NaN where it lies outside.
@@ -53,7 +56,7 @@ def in_range(name: str, value: RealsLike, low: float, high: float, unit: str = "
     """
     if not is_traced(value):
         known = np.asarray(value, dtype=float)
-        bad = ~((known >= low) & (known <= high) & np.isfinite(known))
+        bad = ~((known >= low - slack) & (known <= high + slack) & np.isfinite(known))
         if bad.any():
             worst = known[bad].flat[0]
             raise ValueError(
@@ -62,7 +65,7 @@ def in_range(name: str, value: RealsLike, low: float, high: float, unit: str = "
             )
         return real_array(value)
     array = real_array(value)
-    inside = (array >= low) & (array <= high) & jnp.isfinite(array)
+    inside = (array >= low - slack) & (array <= high + slack) & jnp.isfinite(array)
     if _debug:
         return eqx.error_if(array, ~inside, f"{name} must be {_allowed(low, high, unit)}")
     return jnp.where(inside, array, jnp.nan)
@@ -70,7 +73,7 @@ def in_range(name: str, value: RealsLike, low: float, high: float, unit: str = "
 
 def angle_in_range(name: str, value: RealsLike, low: float, high: float) -> Reals:
     """Like `in_range` for an angle [rad], with room for the rounding of float32."""
-    return in_range(name, value, low - _ANGLE_SLACK, high * (1 + _ANGLE_SLACK), "rad")
+    return in_range(name, value, low, high, "rad", slack=_ANGLE_SLACK)
 
 
 def _allowed(low: float, high: float, unit: str) -> str:

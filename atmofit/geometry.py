@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from atmofit.checks import angle_in_range, in_range, is_traced
+from atmofit.numerics import safe_sqrt
 from atmofit.typing import Reals, RealsLike, real_array
 
 HORIZON = np.pi / 2
@@ -35,8 +36,14 @@ class Directions(eqx.Module):
             )
         if zenith.size == 0:
             raise ValueError("view_zenith_angle must hold at least one direction, got none")
-        if self.rings is not None and sum(self.rings) != zenith.size:
-            raise ValueError(f"rings must add up to {zenith.size}, got {sum(self.rings)}")
+        if self.rings is not None and not (
+            all(isinstance(count, int) and count > 0 for count in self.rings)
+            and sum(self.rings) == zenith.size
+        ):
+            raise ValueError(
+                f"rings must be whole numbers above 0 that add up to {zenith.size}, "
+                f"got {self.rings}"
+            )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -137,10 +144,4 @@ def scattering_angle(
     across = jnp.sin(view) * jnp.sin(sun)
     near = jnp.sin((view - sun) / 2) ** 2 + across * jnp.sin(azimuth / 2) ** 2
     far = jnp.cos((view + sun) / 2) ** 2 + across * jnp.cos(azimuth / 2) ** 2
-    return 2 * jnp.arctan2(_sqrt(near), _sqrt(far))
-
-
-def _sqrt(x: Reals) -> Reals:
-    """Square root with slope 0 at 0."""
-    positive = x > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+    return 2 * jnp.arctan2(safe_sqrt(near), safe_sqrt(far))

@@ -15,8 +15,9 @@ _SQRT_PI = math.sqrt(math.pi)
 
 def safe_sqrt(x: Reals) -> Reals:
     """Square root, with value and slope 0 at and below 0."""
-    positive = x > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+    # Asked this way round so that NaN stays NaN.
+    none = x <= 0
+    return jnp.where(none, 0.0, jnp.sqrt(jnp.where(none, 1.0, x)))
 
 
 def safe_divide(numerator: Reals, denominator: Reals) -> Reals:

@@ -57,9 +57,7 @@ def atmosphere(parameters, geometry="spherical", absorbers=()):
 
 def few_nodes(air, orders=2, dtype=None, all_wavelengths=None):
     """A plan on few nodes."""
-    plan = af.plan_sky(
-        air, orders=orders, rtol=5e-2, dtype=dtype, all_wavelengths=all_wavelengths
-    )
+    plan = af.plan_sky(air, orders=orders, rtol=5e-2, dtype=dtype, all_wavelengths=all_wavelengths)
     return dataclasses.replace(plan, nodes=FEW_NODES)
 
 

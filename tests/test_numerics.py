@@ -1,5 +1,7 @@
 """Numerics against SciPy and against theorems."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -63,7 +65,7 @@ def _slant_column(scale_height, altitude, cosine):
     edges = end * np.array([0, 0.02, 0.1, 0.3, 1.0])
     parts = [
         integrate.quad(density, a, b, epsrel=1e-11, epsabs=0)[0]
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        for a, b in itertools.pairwise(edges)
     ]
     return np.exp(-altitude / scale_height) / scale_height * sum(parts)
 

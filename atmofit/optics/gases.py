@@ -23,7 +23,7 @@ class Absorber(eqx.Module):
     def checked(self) -> "Absorber":
         """Refuse impossible values."""
         depth = checked_spectral("optical_depth", self.optical_depth, 0.0, LARGEST_OPTICAL_DEPTH)
-        return Absorber(depth, self.profile)
+        return Absorber(depth, self.profile.checked())
 
     def density_profile(self) -> DensityProfile:
         """How the density depends on altitude."""

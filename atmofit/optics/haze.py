@@ -92,8 +92,8 @@ class Haze(eqx.Module):
             ),
             checked_spectral("single_scattering_albedo", self.single_scattering_albedo, 0.0, 1.0),
             self.phase.checked(),
-            self.relative_efficiency,
-            self.profile,
+            _checked_efficiency(self.relative_efficiency),
+            None if self.profile is None else self.profile.checked(),
         )
 
     def density_profile(self) -> DensityProfile:
@@ -117,6 +117,13 @@ class Haze(eqx.Module):
         return all_smooth(
             self.optical_depth, self.single_scattering_albedo, self.relative_efficiency, asymmetry
         )
+
+
+def _checked_efficiency(efficiency: Spectrum | None) -> Spectrum | None:
+    if efficiency is None:
+        return None
+    values = in_range("relative_efficiency", efficiency.values, 0.0, 1e3)
+    return Spectrum(efficiency.wavelength_nm, values, efficiency.smooth)
 
 
 def bullrich_phase() -> TabulatedPhase:

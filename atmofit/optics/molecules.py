@@ -69,7 +69,7 @@ class Molecules(eqx.Module):
             in_range(
                 "scale_height", self.scale_height, SMALLEST_SCALE_HEIGHT, LARGEST_SCALE_HEIGHT, "m"
             ),
-            self.profile,
+            None if self.profile is None else self.profile.checked(),
             in_range("refractive_index", self.refractive_index, 1.0, 1.01),
         )
 

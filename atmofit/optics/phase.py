@@ -118,7 +118,7 @@ class CornetteShanks(PhaseFunction):
         g = _on_last_axis(self.asymmetry, wavelength_nm, wavelength_nm[0])
         times_mu2 = jnp.asarray(_cosine_squared_matrix(count), g.dtype)
         henyey = _powers(g, count + 2)
-        return 1.5 / (2 + g**2) * (henyey[:count] + times_mu2 @ henyey)
+        return (1.5 / (2 + g**2))[None, :] * (henyey[:count] + times_mu2 @ henyey)
 
     def checked(self) -> "CornetteShanks":
         """Refuse asymmetries outside (-1, 1)."""

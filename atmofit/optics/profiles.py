@@ -15,6 +15,7 @@ from jax.scipy.special import erf, erfc
 from jaxtyping import Array, Float
 
 from atmofit.checks import in_range, is_traced
+from atmofit.constants import LARGEST_SCALE_HEIGHT, SMALLEST_SCALE_HEIGHT
 from atmofit.numerics import chapman_factors, gauss_nodes, safe_divide, safe_sqrt
 from atmofit.typing import Reals, Scalar, real_array, scalar
 
@@ -34,6 +35,10 @@ class DensityProfile(eqx.Module):
     @abc.abstractmethod
     def scale(self) -> Scalar:
         """Altitude over which the density changes [m]."""
+
+    @abc.abstractmethod
+    def checked(self) -> "DensityProfile":
+        """Refuse impossible parameters."""
 
     @abc.abstractmethod
     def density(self, altitude: Reals) -> Reals:
@@ -66,6 +71,11 @@ class Exponential(DensityProfile):
     """
 
     scale_height: Scalar = eqx.field(converter=scalar)
+
+    def checked(self) -> "Exponential":
+        """Refuse scale heights outside 1 m to 30 km."""
+        low, high = SMALLEST_SCALE_HEIGHT, LARGEST_SCALE_HEIGHT
+        return Exponential(in_range("scale_height", self.scale_height, low, high, "m"))
 
     @property
     def top(self) -> Scalar:
@@ -105,7 +115,7 @@ class Exponential(DensityProfile):
         return jnp.exp(-altitude / h) * level
 
 
-class _Panels(DensityProfile):
+class LayeredProfile(DensityProfile):
     """A profile without closed form: columns by quadrature between its own altitudes."""
 
     @abc.abstractmethod
@@ -138,7 +148,7 @@ class _Panels(DensityProfile):
         return total
 
 
-class GaussianLayer(_Panels):
+class GaussianLayer(LayeredProfile):
     """A layer, such as ozone, with a Gaussian density.
 
     Attributes:
@@ -148,6 +158,14 @@ class GaussianLayer(_Panels):
 
     centre: Scalar = eqx.field(converter=scalar)
     width: Scalar = eqx.field(converter=scalar)
+
+    def checked(self) -> "GaussianLayer":
+        """Refuse layers below the ground or above 100 km, and widths outside 1 m to 30 km."""
+        low, high = SMALLEST_SCALE_HEIGHT, LARGEST_SCALE_HEIGHT
+        return GaussianLayer(
+            in_range("centre", self.centre, 0.0, 1e5, "m"),
+            in_range("width", self.width, low, high, "m"),
+        )
 
     @property
     def top(self) -> Scalar:
@@ -178,7 +196,7 @@ class GaussianLayer(_Panels):
         return 0.5 + 0.5 * erf(self.centre / self.width * 0.7071067811865476)
 
 
-class Profile(_Panels):
+class Profile(LayeredProfile):
     """A user's own table, linear between its altitudes and zero outside.
 
     Attributes:
@@ -204,6 +222,10 @@ class Profile(_Panels):
                 raise ValueError("altitude must increase from level to level")
             if not np.asarray(density).any():
                 raise ValueError("relative_density must be above 0 somewhere, got 0 everywhere")
+
+    def checked(self) -> "Profile":
+        """The table itself: it was checked when it was made."""
+        return self
 
     @property
     def top(self) -> Scalar:

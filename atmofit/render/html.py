@@ -14,7 +14,7 @@ p, li { max-width: 45rem; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .875rem; font-variant-numeric: tabular-nums; }
 th, td { padding: .2rem .7rem; text-align: right; white-space: nowrap; }
-th { border-bottom: 1px solid #999; vertical-align: bottom; }
+th { border-bottom: 1px solid #999; vertical-align: bottom; white-space: normal; max-width: 9rem; }
 td:first-child, th:first-child { text-align: left; }
 tbody tr:nth-child(even) { background: #f4f4f4; }
 table.words td { text-align: left; white-space: normal; }

@@ -7,10 +7,13 @@ from jaxtyping import Array, Float
 from atmofit.geometry import scattering_angle
 from atmofit.numerics import chebyshev_basis, gauss_nodes, harmonics, safe_divide, safe_sqrt
 from atmofit.optics.atmosphere import Medium
+from atmofit.optics.profiles import LayeredProfile
 from atmofit.sky.paths import Paths, Point, stretched, unstretched
 from atmofit.sky.plan import Nodes
 from atmofit.sky.sources import Moments, sun_place
 from atmofit.typing import Reals, Scalar
+
+_PANEL_STEPS = 6  # at least so many steps between two kinks of a tabulated density
 
 
 class LineOfSight(eqx.Module):
@@ -42,7 +45,8 @@ def line_of_sight(
             optical depth share them. Static.
     """
     dtype = view.dtype
-    cosine, sine = jnp.cos(view), jnp.sin(view)
+    # The float32 nearest to pi / 2 lies below the horizon.
+    cosine, sine = jnp.maximum(jnp.cos(view), 0.0), jnp.sin(view)
     ground = jnp.zeros((), dtype)
     length = paths.length_up(ground, cosine, medium.top)
     near = paths.length_up(ground, cosine, medium.scale)
@@ -52,13 +56,28 @@ def line_of_sight(
         near = jnp.where(
             opaque > 0, jnp.minimum(near, safe_divide(jnp.ones_like(opaque), opaque)), near
         )
-    u, w = (jnp.asarray(x, dtype) for x in gauss_nodes(count))
-    distance, slope = stretched(u, length, near)
+    edges = _edges(medium, paths, cosine, length)
+    panels = edges.size - 1
+    each = count if panels == 1 else max(_PANEL_STEPS, 2 * count // panels)
+    u, w = (jnp.asarray(x, dtype)[None, :] for x in gauss_nodes(each))
+    inside, slope = stretched(u, jnp.diff(edges)[:, None], near)
+    distance = (edges[:-1, None] + inside).ravel()
     start = jnp.zeros_like(distance)
     across = (start, jnp.full_like(start, cosine), jnp.full_like(start, sine))
     points = paths.advance(*across, distance)
     columns = [paths.column_between(p, *across, points) for p in medium.profiles]
-    return LineOfSight(points, slope * w, jnp.stack(columns, axis=-1))
+    return LineOfSight(points, (slope * w).ravel(), jnp.stack(columns, axis=-1))
+
+
+def _edges(medium: Medium, paths: Paths, cosine: Scalar, length: Scalar) -> Float[Array, " edge"]:
+    """Distances at which a ray from the ground meets kinks of the scatterers' densities."""
+    ends = jnp.stack([jnp.zeros_like(length), length])
+    layered = [p for p in medium.scattering_profiles if isinstance(p, LayeredProfile)]
+    if not layered:
+        return ends
+    levels = jnp.concatenate([profile.breakpoints() for profile in layered])
+    inner = paths.length_up(jnp.zeros_like(levels), cosine, jnp.clip(levels, 0.0, medium.top))
+    return jnp.sort(jnp.concatenate([ends, jnp.clip(inner, 0.0, length)]))
 
 
 def local_sun(points: Point, azimuth: Scalar, sun: Scalar) -> tuple[Reals, Reals, Reals]:
@@ -105,11 +124,12 @@ def second_sources(
     z = sight.points.altitude
     place = 2 * unstretched(z, moments.top, moments.scale) - 1
     basis = chebyshev_basis(jnp.clip(place, -1.0, 1.0), nodes.altitude)
+    brightness = jnp.exp(basis @ moments.log_brightness)
     arriving = jnp.tensordot(basis, moments.coefficients, 1)
     density = jnp.stack([profile.density(z) for profile in medium.scattering_profiles])
     scattered = jnp.tensordot(density.T, medium.moments(nodes.degrees), 1)
     dimming = jnp.exp(-sight.columns @ medium.extinction) * sight.length[:, None]
-    strength = scattered * dimming[:, None, :]
+    strength = scattered * (dimming * brightness)[:, None, :]
     y = harmonics(sight.points.cosine, sight.points.sine, nodes.degrees, nodes.modes)
     twice = jnp.where(jnp.arange(nodes.modes) > 0, 2.0, 1.0).astype(y.dtype)
     y = y * twice[None, None, :]
@@ -131,4 +151,6 @@ def second_scattering(
     of_sun = chebyshev_basis(sun_place(angle, moments.sun_limit), suns)
     of_mode = chebyshev_basis(safe_divide(along, sine), modes)
     weights = of_mode[:, :, None] * of_sun[:, None, :]
-    return weights.reshape(-1) @ sources.reshape(steps * modes * suns, waves)
+    radiance = weights.reshape(-1) @ sources.reshape(steps * modes * suns, waves)
+    # Where the sun gives no light, interpolation may leave -1e-6 of what it gives by day.
+    return jnp.maximum(radiance, 0.0)

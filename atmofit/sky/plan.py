@@ -143,6 +143,8 @@ def _in_words(
     for name in ("molecules", "haze", "ground"):
         if getattr(atmosphere, name) is None:
             left_out.append(f"{name}: absent from the atmosphere")
+        elif name == "ground" and orders < 2:
+            left_out.append("ground: its light reaches the observer at two orders or more")
         else:
             computed.append(name)
     if atmosphere.absorbers:

@@ -254,9 +254,9 @@ def _to_asked_wavelengths(
     transform = jnp.asarray(chebyshev_transform(nodes_nm.size), computed.dtype)
     matrix = chebyshev_basis(place, nodes_nm.size) @ transform
     tiny = jnp.finfo(computed.dtype).tiny
-    lit = computed > tiny
-    log = jnp.log(jnp.where(lit, computed, tiny))
-    return jnp.where(lit.any(1, keepdims=True), jnp.exp(log @ matrix.T), 0.0)
+    dark = computed <= tiny  # not NaN, which stays NaN
+    log = jnp.log(jnp.where(dark, tiny, computed))
+    return jnp.where(dark.all(1, keepdims=True), 0.0, jnp.exp(log @ matrix.T))
 
 
 def _paths(atmosphere: Atmosphere) -> tuple[Paths, ...]:

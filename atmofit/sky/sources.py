@@ -27,6 +27,7 @@ from atmofit.sky.plan import Nodes
 from atmofit.typing import Reals, Scalar
 
 _SUN_LIMIT = {True: math.pi / 2, False: math.radians(101.5)}  # flat or not: what a view ray meets
+_DARKEST = 1e-12  # of the brightest altitude; below, there is nothing worth following
 _TWILIGHT_WIDTH = math.radians(3.5)  # sun angles are dense within this of the horizon
 
 
@@ -34,12 +35,16 @@ class Moments(eqx.Module):
     """Moments of the radiance that arrives at each point, as Chebyshev coefficients.
 
     Attributes:
-        coefficients: [altitude, mode, degree, sun, wavelength], in units of solar irradiance.
+        coefficients: [altitude, mode, degree, sun, wavelength], over the brightness.
+        log_brightness: Coefficients of the logarithm of the mean radiance over directions and
+            suns, in units of solar irradiance, [altitude, wavelength]. In thick haze it falls by
+            powers of ten to the ground; what is left after division is smooth.
         top, scale: Of the altitude coordinate [m].
         sun_limit: Largest local solar zenith angle [rad]. Static.
     """
 
     coefficients: Float[Array, "z m l sun w"]
+    log_brightness: Float[Array, "z w"]
     top: Scalar
     scale: Scalar
     sun_limit: float = eqx.field(static=True)
@@ -84,8 +89,13 @@ def single_scattering_moments(medium: Medium, paths: Paths, nodes: Nodes) -> Mom
     values = jax.lax.map(at_altitude, altitude)
     to_altitude = jnp.asarray(chebyshev_transform(nodes.altitude), dtype)
     to_sun = jnp.asarray(chebyshev_transform(nodes.sun), dtype)
-    in_sun = jnp.einsum("zmlsw,ks->zmlkw", values, to_sun)
-    return Moments(jnp.einsum("zmlkw,jz->jmlkw", in_sun, to_altitude), top, scale, _SUN_LIMIT[flat])
+    brightness = values[:, 0, 0].mean(axis=1)
+    floor = _DARKEST * brightness.max(axis=0, keepdims=True) + jnp.finfo(dtype).tiny
+    brightness = jnp.maximum(brightness, floor)
+    in_sun = jnp.einsum("zmlsw,ks->zmlkw", values / brightness[:, None, None, None, :], to_sun)
+    coefficients = jnp.einsum("zmlkw,jz->jmlkw", in_sun, to_altitude)
+    logarithm = to_altitude @ jnp.log(brightness)
+    return Moments(coefficients, logarithm, top, scale, _SUN_LIMIT[flat])
 
 
 def sun_place(sun: Reals, limit: float) -> Reals:

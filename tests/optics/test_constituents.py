@@ -128,6 +128,7 @@ def test_optical_properties_of_everything():
     medium = optical_properties(atmosphere, jnp.array([500.0, 600.0]))
     np.testing.assert_allclose(medium.extinction, [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3]])
     np.testing.assert_allclose(medium.scattering, [[0.1, 0.1], [0.1, 0.1]])
+    assert medium.ground_albedo is not None
     np.testing.assert_allclose(medium.ground_albedo, [0.4, 0.4])
     assert medium.moments(4).shape == (2, 4, 2)
     np.testing.assert_allclose(medium.moments(4)[:, 0], medium.scattering)

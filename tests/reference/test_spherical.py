@@ -1,7 +1,5 @@
 """Spherical skies against another quadrature and against a backward Monte Carlo."""
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from reference.data import directions, groups, needs
@@ -25,25 +23,14 @@ def _atmosphere(case):
 
 def _simulate(table, suns, orders, rtol):
     """Radiance of a table's cases at some suns; one solution serves all suns of a case."""
-
-    @eqx.filter_jit
-    def solve(atmosphere, suns, dirs):
-        field = af.solve_sky(atmosphere, [550.0], orders, rtol)
-        return jnp.stack(
-            [
-                field.radiance(sun, d, solar_irradiance=1.0)[:, 0]
-                for sun, d in zip(suns, dirs, strict=True)
-            ]
-        )
-
     found = {}
     wanted = {key: value for key, value in groups(table).items() if key[1] in suns}
     for case in {key[0] for key in wanted}:
-        keys = [key for key in wanted if key[0] == case]
-        angles = [jnp.asarray(np.radians(key[1])) for key in keys]
-        dirs = [directions(wanted[key]) for key in keys]
-        for key, value in zip(keys, solve(_atmosphere(case), angles, dirs), strict=True):
-            found[key] = (np.asarray(value), wanted[key])
+        field = af.solve_sky(_atmosphere(case), [550.0], orders, rtol)
+        for key, columns in wanted.items():
+            if key[0] == case:
+                sky = field.radiance(np.radians(key[1]), directions(columns), 1.0)
+                found[key] = (np.asarray(sky)[:, 0], columns)
     assert found
     return found
 

@@ -1,5 +1,7 @@
 """Plans: what is computed, what is left out, and what is refused."""
 
+import itertools
+
 import jax
 import numpy as np
 import pytest
@@ -19,7 +21,7 @@ def test_the_next_finer_rung_is_taken(rtol, rung):
 
 def test_finer_rungs_have_more_nodes():
     nodes = [vars(af.plan_sky(AIR, rtol=r).nodes) for r in (5e-2, 1e-2, 2e-3, 5e-4)]
-    for coarse, fine in zip(nodes[:-1], nodes[1:], strict=True):
+    for coarse, fine in itertools.pairwise(nodes):
         assert all(fine[name] >= coarse[name] for name in fine if name != "wavelength")
 
 
@@ -52,7 +54,7 @@ def test_a_printed_plan_says_what_is_left_out():
     ("keywords", "message"),
     [
         ({"orders": 3}, "orders must be 1 or 2, got 3"),
-        ({"orders": "all"}, "orders must be 1 or 2, got 'all'"),
+        ({"orders": 0}, "orders must be 1 or 2, got 0"),
         ({"rtol": -1e-2}, "rtol must be between 0.0005 and 1, got -0.01"),
         ({"rtol": 0.0}, "rtol must be .* got 0$"),
         ({"rtol": np.nan}, "rtol must be .* got nan"),
