@@ -62,8 +62,8 @@ class Spectrum(eqx.Module):
             inside = jnp.where(within, inside, jnp.nan)
         else:
             known = np.asarray(nodes)  # indexing a JAX array would trace it under jit
-            low, high = float(known[0]) * (1 - _SLACK), float(known[-1]) * (1 + _SLACK)
-            inside = in_range("wavelength_nm", wavelength_nm, low, high, "nm")
+            low, high = float(known[0]), float(known[-1])
+            inside = in_range("wavelength_nm", wavelength_nm, low, high, "nm", slack=_SLACK * high)
         return jnp.interp(inside, nodes.astype(inside.dtype), values.astype(inside.dtype))
 
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from atmofit.checks import in_range, is_traced
+from atmofit.checks import angle_in_range, in_range, is_traced
 from atmofit.numerics import gauss_nodes, legendre_table
 from atmofit.spectrum import Spectrum, at, checked_spectral, spectral
 from atmofit.typing import Reals, RealsLike, Scalar, real_array
@@ -44,7 +44,7 @@ class PhaseFunction(eqx.Module):
         Returns:
             Phase function of the shape of the angle [1/sr]; its integral over the sphere is 1.
         """
-        angle = in_range("scattering_angle", scattering_angle, -1e-6, math.pi + 1e-6, "rad")
+        angle = angle_in_range("scattering_angle", scattering_angle, 0.0, math.pi)
         wavelength = real_array(wavelength_nm).astype(angle.dtype).reshape(1)
         return self.at_wavelengths(angle, wavelength)[..., 0]
 
@@ -161,7 +161,7 @@ class TabulatedPhase(PhaseFunction):
                 f"got {self.values.shape}"
             )
         if not is_traced(self):
-            in_range("angle", self.angle, 0.0, math.pi + 1e-6, "rad")
+            angle_in_range("angle", self.angle, 0.0, math.pi)
             in_range("values", self.values, float(np.finfo(np.float32).tiny), math.inf)
             for name in ("angle", "wavelength_nm"):
                 if np.any(np.diff(np.asarray(getattr(self, name), float)) <= 0):

@@ -1,12 +1,12 @@
 """How a sky is computed: node counts on a ladder of accuracy. Python only, nothing traced."""
 
 import dataclasses
-import math
 
 import jax.numpy as jnp
 import numpy as np
 
-from atmofit.checks import in_range, is_traced
+from atmofit.checks import angle_in_range, in_range, is_traced
+from atmofit.geometry import HORIZON
 from atmofit.optics.atmosphere import Atmosphere
 from atmofit.typing import RealsLike
 
@@ -110,7 +110,7 @@ def plan_sky(
     if solar_zenith_angle is not None:
         if is_traced(solar_zenith_angle):
             raise TypeError("solar_zenith_angle of plan_sky must be known, got a tracer")
-        in_range("solar_zenith_angle", solar_zenith_angle, 0.0, math.pi / 2 * (1 + 1e-6), "rad")
+        angle_in_range("solar_zenith_angle", solar_zenith_angle, 0.0, HORIZON)
     if orders not in (1, 2):
         raise ValueError(f"orders must be 1 or 2, got {orders!r}")
     smallest = min(LADDER)
