@@ -153,7 +153,10 @@ def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
 
 
 def test_written_file_is_readable_by_others(tmp_path):
-    path = replace_file(tmp_path / "result.txt", lambda name: name.write_text("new") and None)
+    def write(temporary):
+        temporary.write_text("new")
+
+    path = replace_file(tmp_path / "result.txt", write)
     assert stat.S_IMODE(path.stat().st_mode) == 0o644
 
 

@@ -23,8 +23,7 @@ BULLRICH_NM = [380.0, 400.0, 425.0, 500.0, 650.0, 780.0, 850.0]
 
 
 def _moments(phase, count):
-    with jax.numpy_rank_promotion("allow"):
-        return np.asarray(phase.moments(count, jnp.array([550.0])))[:, 0]
+    return np.asarray(phase.moments(count, jnp.array([550.0])))[:, 0]
 
 
 @pytest.mark.parametrize("name", SMOOTH)
