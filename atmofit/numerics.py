@@ -3,6 +3,7 @@
 import functools
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import erfcx as jax_erfcx
@@ -81,11 +82,25 @@ def chapman_factors(x: Reals) -> tuple[Reals, Reals]:
 
 
 def chebyshev_basis(x: Reals, count: int) -> Reals:
-    """Chebyshev polynomials T_0 .. T_(count-1) at x in [-1, 1], on a new last axis."""
-    terms = [jnp.ones_like(x), x]
-    while len(terms) < count:
-        terms.append(2 * x * terms[-1] - terms[-2])
-    return jnp.stack(terms[:count], axis=-1)
+    """Chebyshev polynomials T_0 .. T_(count-1) at x in [-1, 1], on a new last axis.
+
+    Each pass doubles how many there are, by T_(n+k) = 2 T_n T_k - T_(n-k): few operations, which
+    compile fast.
+    """
+    terms = jnp.stack([jnp.ones_like(x), x], axis=-1)
+    while terms.shape[-1] < count:
+        terms = jnp.concatenate(
+            [terms, 2 * terms[..., -1:] * terms[..., 1:] - terms[..., -2::-1]], axis=-1
+        )
+    return terms[..., :count]
+
+
+def powers(x: Reals, count: int) -> Reals:
+    """1, x, x^2, ... x^(count-1) on a new last axis, with finite slopes at 0."""
+    terms = jnp.stack([jnp.ones_like(x), x], axis=-1)
+    while terms.shape[-1] < count:
+        terms = jnp.concatenate([terms, terms[..., 1:] * terms[..., -1:]], axis=-1)
+    return terms[..., :count]
 
 
 def chebyshev_nodes(count: int) -> np.ndarray:
@@ -129,23 +144,25 @@ def harmonics(cosine: Reals, sine: Reals, degrees: int, modes: int) -> Reals:
         [..., degree, mode]; zero where m > l.
     """
     m = np.arange(modes)
-    mu, s = cosine[..., None], sine[..., None]
-    powers = [jnp.ones_like(sine)]
-    for _ in range(modes - 1):
-        powers.append(powers[-1] * sine)
-    diagonal_factor = np.cumprod(
+    factor = np.cumprod(
         np.concatenate([[math.sqrt(1 / (4 * math.pi))], np.sqrt((2 * m[1:] + 1) / (2 * m[1:]))])
     )
-    diagonal = jnp.stack(powers, axis=-1) * _constant(diagonal_factor, mu)
-    rows: list[Reals] = []
-    before = last = jnp.zeros_like(mu * s) * _constant(np.zeros(modes), mu)
-    for degree in range(degrees):
-        up, back = _recurrence(degree, modes)
-        row = (mu * last - _constant(back, mu) * before) * _constant(up, mu)
-        row = row + diagonal * _constant((m == degree).astype(float), mu)
-        rows.append(row)
-        before, last = last, row
-    return jnp.stack(rows, axis=-2)
+    diagonal = powers(sine, modes) * _constant(factor, sine[..., None])
+    up, back = np.stack([_recurrence(degree, modes) for degree in range(degrees)], axis=1)
+    on_diagonal = (m[None, :] == np.arange(degrees)[:, None]).astype(float)
+
+    def next_degree(
+        two: tuple[Reals, Reals], row: tuple[Reals, Reals, Reals]
+    ) -> tuple[tuple[Reals, Reals], Reals]:
+        before, last = two
+        up, back, here = (values.reshape((1,) * sine.ndim + (-1,)) for values in row)
+        new = (cosine[..., None] * last - back * before) * up + diagonal * here
+        return (last, new), new
+
+    dtype = sine.dtype
+    rows = (jnp.asarray(up, dtype), jnp.asarray(back, dtype), jnp.asarray(on_diagonal, dtype))
+    _, result = jax.lax.scan(next_degree, (0 * diagonal, 0 * diagonal), rows)
+    return jnp.moveaxis(result, 0, -2)
 
 
 def _recurrence(degree: int, modes: int) -> tuple[np.ndarray, np.ndarray]:

@@ -96,7 +96,7 @@ def test_a_grid_is_its_list():
         (([0.0, 1.0], [0.0]), r"one length, got shapes \(2,\) and \(1,\)"),
         (([[0.0]], [[0.0]]), r"one length, got shapes \(1, 1\)"),
         (([], []), "at least one direction, got none"),
-        (([0.0, 1.0], [0.0, 1.0], (3,)), "rings must add up to 2, got 3"),
+        (([0.0, 1.0], [0.0, 1.0], (3,)), "rings must be whole numbers above 0 that add up to 2"),
     ],
 )
 def test_lists_that_do_not_fit(arguments, message):

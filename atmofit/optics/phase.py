@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from atmofit.checks import angle_in_range, in_range, is_traced
-from atmofit.numerics import gauss_nodes, legendre_table
+from atmofit.numerics import gauss_nodes, legendre_table, powers
 from atmofit.spectrum import Spectrum, at, checked_spectral, spectral
 from atmofit.typing import Reals, RealsLike, Scalar, real_array
 
@@ -88,7 +88,7 @@ class HenyeyGreenstein(PhaseFunction):
     def moments(self, count: int, wavelength_nm: Float[Array, " w"]) -> Float[Array, "l w_or_1"]:
         """Legendre moments g^l."""
         g = _on_last_axis(self.asymmetry, wavelength_nm, wavelength_nm[0])
-        return _powers(g, count)
+        return powers(g, count).T
 
     def checked(self) -> "HenyeyGreenstein":
         """Refuse asymmetries outside (-1, 1)."""
@@ -117,7 +117,7 @@ class CornetteShanks(PhaseFunction):
         """Legendre moments, from those of Henyey-Greenstein by mu P_l's recurrence, twice."""
         g = _on_last_axis(self.asymmetry, wavelength_nm, wavelength_nm[0])
         times_mu2 = jnp.asarray(_cosine_squared_matrix(count), g.dtype)
-        henyey = _powers(g, count + 2)
+        henyey = powers(g, count + 2).T
         return (1.5 / (2 + g**2))[None, :] * (henyey[:count] + times_mu2 @ henyey)
 
     def checked(self) -> "CornetteShanks":
@@ -224,14 +224,6 @@ def _sphere_nodes() -> tuple[np.ndarray, np.ndarray]:
     """Angles, dense near 0, and solid-angle weights that integrate over the sphere."""
     u, w = gauss_nodes(_NORMALISING_NODES)
     return math.pi * u**2, w * 2 * math.pi * u * 2 * math.pi * np.sin(math.pi * u**2)
-
-
-def _powers(g: Float[Array, " w_or_1"], count: int) -> Float[Array, "l w_or_1"]:
-    """1, g, g^2, ... with finite slopes at g = 0."""
-    rows = [jnp.ones_like(g)]
-    for _ in range(count - 1):
-        rows.append(rows[-1] * g)
-    return jnp.stack(rows)
 
 
 def _cosine_squared_matrix(count: int) -> np.ndarray:
