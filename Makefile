@@ -19,8 +19,8 @@ install: $(STAMP)  ## Create .venv and install atmofit into it
 refit: $(STAMP)  ## Regenerate the coefficient matrices: tables, pictures and report in runs/refit
 	$(BIN)/atmofit refit --out $(OUT)
 
-test: $(STAMP)  ## Run the tests on two processes
-	$(BIN)/python -m pytest -n 2 -q
+test: $(STAMP)  ## Run the tests on two processes, each file on one of them
+	$(BIN)/python -m pytest -n 2 --dist loadfile -q
 
 lint: $(STAMP)  ## Check style, formatting and types
 	$(BIN)/ruff check
