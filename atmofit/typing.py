@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 Scalar = Float[Array, ""]
-Vector = Float[Array, " n"]
 Reals = Float[Array, "..."]
 RealsLike = ArrayLike | Sequence[Any]  # a number, a list, a NumPy array or a JAX array
 

@@ -63,11 +63,6 @@ def data_uri(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
-def save_figure(figure: "Figure", path: str | Path) -> Path:
-    """Write a figure as a PNG file; see `save_bytes`."""
-    return save_bytes(png_bytes(figure), path)
-
-
 def save_bytes(content: bytes, path: str | Path) -> Path:
     """Write a file whole or not at all, in a folder that exists.
 

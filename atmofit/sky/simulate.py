@@ -71,7 +71,8 @@ class SkyField(eqx.Module):
 
         Returns:
             Radiance [W m^-2 sr^-1 nm^-1], [direction, wavelength] for a list and
-            [zenith, azimuth, wavelength] for a grid. The sun's own disk is not in it.
+            [zenith, azimuth, wavelength] for a grid. The sun's own disk is not in it. The second
+            order is held at 0 where interpolation would leave a trace below it (1e-6 of noon's).
 
         Raises:
             ValueError: Sun or directions lie outside their range.

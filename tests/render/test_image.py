@@ -6,13 +6,13 @@ import sys
 import matplotlib
 import pytest
 
-from atmofit.render.image import data_uri, new_figure, png_bytes, save_bytes, save_figure, style
+from atmofit.render.image import data_uri, new_figure, png_bytes, save_bytes, style
 
 
 def test_figure_is_saved_as_png_without_an_address(tmp_path):
     figure = new_figure(1.0, 1.0)
     figure.subplots().plot([0, 1])
-    path = save_figure(figure, tmp_path / "a.png")
+    path = save_bytes(png_bytes(figure), tmp_path / "a.png")
     content = path.read_bytes()
     assert content.startswith(b"\x89PNG\r\n\x1a\n")
     assert b"http" not in content
