@@ -9,7 +9,7 @@ CACHE := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)
 export JAX_COMPILATION_CACHE_DIR ?= $(CACHE)/atmofit/jax
 
 .DEFAULT_GOAL := help
-.PHONY: help install refit test lint bench clean
+.PHONY: help install refit test lint bench stability clean
 
 help:  ## Show the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' Makefile
@@ -27,7 +27,10 @@ lint: $(STAMP)  ## Check style, formatting and types
 	$(BIN)/ruff format --check
 	$(BIN)/basedpyright
 
-bench: $(STAMP)  ## Time the reference job and measure its error
+stability: $(STAMP)  ## Try every function at its extremes: runs/stability/table.md
+	$(BIN)/python -m atmofit.stability
+
+bench: $(STAMP)  ## Time the ladder of plans on the reference job, with errors, next to the exact oracle
 	$(BIN)/python experiments/benchmark.py
 
 clean:  ## Remove .venv, results and caches of the tools

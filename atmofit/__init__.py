@@ -15,10 +15,18 @@ from atmofit.colour import (
 )
 from atmofit.fit.comparison import compare
 from atmofit.fit.distribution import DistributionFit, fit_distribution
+from atmofit.fit.identifiability import (
+    Identifiability,
+    identify_distribution,
+    identify_perez,
+    identify_zenith,
+)
+from atmofit.fit.observation import Observation
 from atmofit.fit.parameters import PerezPrior
 from atmofit.fit.refit import RefitResult, refit
 from atmofit.fit.single_sky import PerezFit, fit_perez
 from atmofit.fit.skies import RefitSettings, simulate_skies
+from atmofit.fit.turbidity import TurbidityEstimate, estimate_turbidity
 from atmofit.fit.zenith import ZenithFit, fit_zenith_chromaticity, fit_zenith_luminance
 from atmofit.geometry import DirectionGrid, Directions, dome_343, scattering_angle
 from atmofit.io import read_coefficients
@@ -37,7 +45,7 @@ from atmofit.optics.phase import (
 )
 from atmofit.optics.profiles import DensityProfile, Exponential, GaussianLayer, Profile
 from atmofit.sky.plan import Plan, plan_sky
-from atmofit.sky.simulate import SkyField, simulate_sky, solve_sky
+from atmofit.sky.simulate import SkyField, simulate_luminance, simulate_sky, solve_sky
 from atmofit.spectrum import Spectrum
 from atmofit.sun import solar_irradiance_spectrum
 
@@ -57,7 +65,9 @@ __all__ = [
     "Ground",
     "Haze",
     "HenyeyGreenstein",
+    "Identifiability",
     "Molecules",
+    "Observation",
     "PerezFit",
     "PerezPrior",
     "PhaseFunction",
@@ -70,6 +80,7 @@ __all__ = [
     "SkyField",
     "Spectrum",
     "TabulatedPhase",
+    "TurbidityEstimate",
     "XYZ_to_linear_sRGB",
     "XYZ_to_xyY",
     "ZenithFit",
@@ -77,16 +88,21 @@ __all__ = [
     "compare",
     "debug_checks",
     "dome_343",
+    "estimate_turbidity",
     "fit_distribution",
     "fit_perez",
     "fit_zenith_chromaticity",
     "fit_zenith_luminance",
+    "identify_distribution",
+    "identify_perez",
+    "identify_zenith",
     "linear_sRGB_to_sRGB",
     "perez",
     "plan_sky",
     "read_coefficients",
     "refit",
     "scattering_angle",
+    "simulate_luminance",
     "simulate_skies",
     "simulate_sky",
     "solar_irradiance_spectrum",

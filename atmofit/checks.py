@@ -55,8 +55,12 @@ def in_range(
         ValueError: A known value lies outside.
     """
     if not is_traced(value):
-        known = np.asarray(value, dtype=float)
-        bad = ~((known >= low - slack) & (known <= high + slack) & np.isfinite(known))
+        given = np.asarray(value)
+        known = given.astype(float)
+        # In the value's own precision, so that the float32 nearest to a limit lies inside.
+        kind = given.dtype if given.dtype.kind == "f" else known.dtype
+        least, most = (float(np.asarray(end, kind)) for end in (low - slack, high + slack))
+        bad = ~((known >= least) & (known <= most) & np.isfinite(known))
         if bad.any():
             worst = known[bad].flat[0]
             raise ValueError(

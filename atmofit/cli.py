@@ -1,16 +1,19 @@
 """The command line: the public functions under their own names, degrees instead of radians."""
 
+import contextlib
 import dataclasses
 import os
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import jax
 import tyro
 
 from atmofit.fit.comparison import compare
+from atmofit.fit.pieces import DamagedPieceWarning
 from atmofit.fit.refit import refit
 from atmofit.fit.skies import RefitSettings, simulate_skies
 from atmofit.io import (
@@ -23,7 +26,18 @@ from atmofit.io import (
 from atmofit.models.preetham import PREETHAM_1999
 from atmofit.report import comparison_text, summary_text, write_report
 
-_STAGES = ("simulation", "colour", "joint fits", "zenith fits", "single skies", "comparison")
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+_STAGES = (
+    "simulation",
+    "colour",
+    "joint fits",
+    "zenith fits",
+    "single skies",
+    "comparison",
+    "identifiability",
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,8 +56,13 @@ class Refit:
     """Solar zenith angles in degrees, at least four."""
     dtype: Literal["float32", "float64"] = "float32"
     """Of the simulation; the fits are always in float64."""
+    starts: int = 64
+    """Random starts from which each fit is searched for again; 0 leaves this out."""
     out: Path = Path("runs/refit")
     """Folder of coefficients.json, sky.nc, report.html and pictures."""
+    pieces: bool = True
+    """Keep each finished piece of the simulation in the folder pieces of `out`, and take those
+    that an earlier run of the same settings left there."""
 
     def run(self) -> None:
         """Do it."""
@@ -56,15 +75,18 @@ class Refit:
             rtol=self.rtol,
             geometry=self.geometry,
             dtype=self.dtype,
+            starts=self.starts,
         )
         folder = output_folder(self.out)
-        with tqdm(total=len(_STAGES) + 3, unit="stage", leave=False) as bar:
+        pieces = folder / "pieces" if self.pieces else None
+        steps = len(_STAGES) + settings.piece_count + 3
+        with tqdm(total=steps, unit="step", leave=False) as bar, _warnings_above(bar):
 
             def begin(stage: str) -> None:
-                bar.set_description(f"{stage:<14}")
+                bar.set_description(f"{stage:<20}")
                 bar.update()
 
-            result = refit(settings, progress=begin)
+            result = refit(settings, pieces=pieces, progress=begin)
             begin("coefficients")
             paths = [write_coefficients(result, folder / "coefficients.json")]
             begin("sky.nc")
@@ -73,7 +95,27 @@ class Refit:
             paths += write_report(result, folder)
         print(summary_text(result))
         print("seconds:", ", ".join(f"{k} {v:.2f}" for k, v in result.seconds.items()))
+        if pieces is not None:
+            found = f"{result.skies.pieces_read} of {settings.piece_count}"
+            print(f"pieces: {found} of the simulation were found in {pieces}")
         print("written:", ", ".join(str(path) for path in paths))
+
+
+@contextlib.contextmanager
+def _warnings_above(bar: "tqdm[NoReturn]") -> Iterator[None]:
+    """In this context, warnings about damaged pieces are lines above the progress bar."""
+    with warnings.catch_warnings():
+        shown = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+            if issubclass(category, DamagedPieceWarning):
+                bar.write(f"atmofit: {message}", file=sys.stderr)
+            else:
+                shown(message, category, *place)
+
+        warnings.simplefilter("always", DamagedPieceWarning)
+        warnings.showwarning = show
+        yield
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from atmofit import tables
 from atmofit.checks import in_range, is_traced
+from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.numerics import gauss_nodes
 from atmofit.spectrum import check_wavelengths
 from atmofit.typing import Reals, RealsLike, real_array
@@ -58,6 +59,14 @@ def spectrum_to_XYZ(radiance: RealsLike, wavelength_nm: RealsLike) -> Reals:
     return _integrate(radiance, wavelength.astype(radiance.dtype))
 
 
+extremes(
+    Case("black", {"radiance": (0.0, 0.0, 0.0)}, limit=0.0),
+    call=lambda radiance, wavelength_nm: spectrum_to_XYZ(radiance, wavelength_nm),
+    radiance=Span((-1e30,) * 3, (1e30,) * 3),
+    wavelength_nm=Domain((380.0, 500.0, 700.0), (400.0, 600.0, 780.0)),
+)(spectrum_to_XYZ)
+
+
 @jax.jit
 def _integrate(radiance: Reals, wavelength_nm: Reals) -> Reals:
     weights = LUMINOUS_EFFICACY * _weights(wavelength_nm)
@@ -96,6 +105,20 @@ def spectrum_to_xyY(radiance: RealsLike, wavelength_nm: RealsLike) -> Reals:
     return XYZ_to_xyY(spectrum_to_XYZ(radiance, wavelength_nm))
 
 
+extremes(
+    Case("black", {"radiance": (0.0, 0.0, 0.0)}, limit=(1 / 3, 1 / 3, 0.0)),
+    call=lambda radiance: spectrum_to_xyY(radiance, (400.0, 550.0, 700.0)),
+    radiance=Span((0.0,) * 3, (1e15,) * 3),
+)(spectrum_to_xyY)
+
+
+@extremes(
+    Case("black", {"XYZ": (0.0, 0.0, 0.0)}, limit=(WHITE, WHITE, 0.0)),
+    Case("dim", {"XYZ": (1e-15, 1e-15, 2e-15)}, limit=(0.25, 0.25, 1e-15)),
+    Case("negative", {"XYZ": (-1.0, -1.0, -2.0)}, limit=(0.25, 0.25, -1.0)),
+    Case("adds to zero", {"XYZ": (1.0, 1.0, -2.0)}, limit=(WHITE, WHITE, 1.0)),
+    XYZ=Span((-1e15,) * 3, (1e15,) * 3),
+)
 def XYZ_to_xyY(XYZ: RealsLike) -> Reals:
     """Chromaticity and luminance from tristimulus values.
 
@@ -117,6 +140,11 @@ def XYZ_to_xyY(XYZ: RealsLike) -> Reals:
     return jnp.concatenate([chromaticity, XYZ[..., 1:2]], axis=-1)
 
 
+@extremes(
+    Case("black", {"xyY": (0.25, 0.25, 0.0)}, limit=0.0),
+    Case("no blue", {"xyY": (0.5, 0.5, 1.0)}, limit=(1.0, 1.0, 0.0)),
+    xyY=Span((0.0, 1e-3, 0.0), (1.0, 1.0, 1e15)),
+)
 def xyY_to_XYZ(xyY: RealsLike) -> Reals:
     """Tristimulus values from chromaticity and luminance.
 
@@ -133,6 +161,10 @@ def xyY_to_XYZ(xyY: RealsLike) -> Reals:
     return jnp.stack([x * Y / y, Y, (1 - x - y) * Y / y], axis=-1)
 
 
+@extremes(
+    Case("black", {"XYZ": (0.0, 0.0, 0.0)}, limit=0.0),
+    XYZ=Span((-1e30,) * 3, (1e30,) * 3),
+)
 def XYZ_to_linear_sRGB(XYZ: RealsLike) -> Reals:
     """Linear sRGB from tristimulus values, in the same unit (white has the Y of XYZ).
 
@@ -152,6 +184,13 @@ def XYZ_to_linear_sRGB(XYZ: RealsLike) -> Reals:
     return jnp.tensordot(XYZ, jnp.asarray(_SRGB_FROM_XYZ.T, XYZ.dtype), 1)
 
 
+@extremes(
+    Case("black", {"linear": 0.0}, limit=0.0, slope={"linear": 12.92}),
+    Case("end of the straight part", {"linear": 0.0031308}, limit=12.92 * 0.0031308),
+    Case("white", {"linear": 1.0}, limit=1.0, slope={"linear": 1.055 / 2.4}),
+    Case("mirrored", {"linear": -1.0}, limit=-1.0, slope={"linear": 1.055 / 2.4}),
+    linear=Span(-1e30, 1e30),
+)
 def linear_sRGB_to_sRGB(linear: RealsLike) -> Reals:
     """The encoding ("gamma") of sRGB.
 

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from atmofit.checks import angle_in_range, in_range, is_traced
+from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.numerics import safe_sqrt
 from atmofit.typing import Reals, RealsLike, real_array
 
@@ -71,6 +72,15 @@ class Directions(eqx.Module):
         return np.concatenate([[0], np.cumsum(counts)[:-1]])
 
 
+extremes(
+    call=lambda view_zenith_angle, relative_azimuth: Directions(
+        view_zenith_angle[None], relative_azimuth[None]
+    ).checked(),
+    view_zenith_angle=Domain(0.0, HORIZON),
+    relative_azimuth=Domain(-np.inf, np.inf),
+)(Directions)
+
+
 class DirectionGrid(eqx.Module):
     """The product of zenith angles and azimuths.
 
@@ -106,6 +116,15 @@ class DirectionGrid(eqx.Module):
         return Directions(zenith.ravel(), azimuth.ravel(), rings)
 
 
+extremes(
+    call=lambda view_zenith_angle, relative_azimuth: (
+        DirectionGrid(view_zenith_angle[None], relative_azimuth[None]).as_list().checked()
+    ),
+    view_zenith_angle=Domain(0.0, HORIZON),
+    relative_azimuth=Domain(-np.inf, np.inf),
+)(DirectionGrid)
+
+
 def dome_343() -> Directions:
     """The reference dome: the zenith and 18 rings of 19 azimuths on the half circle.
 
@@ -121,6 +140,35 @@ def dome_343() -> Directions:
     )
 
 
+@extremes(
+    Case(
+        "at the sun",
+        {"view_zenith_angle": 0.7, "relative_azimuth": 0.0, "solar_zenith_angle": 0.7},
+        limit=0.0,
+        slope={"view_zenith_angle": 0.0, "relative_azimuth": 0.0, "solar_zenith_angle": 0.0},
+    ),
+    Case(
+        "next to the sun",
+        {"view_zenith_angle": 0.5 + 2**-10, "relative_azimuth": 0.0, "solar_zenith_angle": 0.5},
+        limit=2**-10,
+        slope={"view_zenith_angle": 1.0, "relative_azimuth": 0.0, "solar_zenith_angle": -1.0},
+        ulps=8.0,
+        size=1.0,
+    ),
+    Case(
+        "opposite the sun",
+        {"view_zenith_angle": HORIZON, "relative_azimuth": np.pi, "solar_zenith_angle": HORIZON},
+        limit=np.pi,
+    ),
+    Case(
+        "both overhead",
+        {"view_zenith_angle": 0.0, "relative_azimuth": 1.0, "solar_zenith_angle": 0.0},
+        limit=0.0,
+    ),
+    view_zenith_angle=Span(0.0, np.pi),
+    relative_azimuth=Span(-np.pi, np.pi),
+    solar_zenith_angle=Span(0.0, np.pi),
+)
 def scattering_angle(
     view_zenith_angle: RealsLike, relative_azimuth: RealsLike, solar_zenith_angle: RealsLike
 ) -> Reals:

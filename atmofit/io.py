@@ -2,18 +2,18 @@
 
 import dataclasses
 import json
-import os
-import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from atmofit.fit.dataset import versions
+from atmofit.files import output_folder as output_folder
+from atmofit.files import replace_file as replace_file
+from atmofit.fit import identifiability_words, verdict
 from atmofit.fit.refit import RefitResult
 from atmofit.fit.skies import QUANTITIES, RefitSettings
 from atmofit.models.preetham import PreethamModel
+from atmofit.provenance import versions
 
 _DISTRIBUTION = {
     "x": "x_distribution",
@@ -21,48 +21,6 @@ _DISTRIBUTION = {
     "Y": "luminance_distribution",
 }
 _ZENITH = {"x": "zenith_x", "y": "zenith_y", "Y": "zenith_luminance"}
-
-
-def replace_file(path: Path, write: Callable[[Path], None]) -> Path:
-    """Write a file under a temporary name beside it, then rename: whole or not at all.
-
-    Args:
-        path: The file; its folder exists.
-        write: Writes the file whose path it is given.
-
-    Returns:
-        The path.
-
-    Raises:
-        OSError: It cannot be written; nothing is left behind.
-    """
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        write(temporary)
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    return path
-
-
-def output_folder(path: Path) -> Path:
-    """Make a folder for results and see that it can be written, before any work is done.
-
-    Raises:
-        ValueError: It cannot be made or written.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path):
-            pass
-    except OSError as error:
-        raise ValueError(
-            f"out must be a folder that can be written, got {str(path)!r} ({error.strerror})"
-        ) from error
-    return path
 
 
 def coefficients_to_dict(result: RefitResult) -> dict[str, Any]:
@@ -84,6 +42,8 @@ def coefficients_to_dict(result: RefitResult) -> dict[str, Any]:
             q: _numbers(np.asarray(fit.coefficients), np.asarray(fit.standard_error))
             for q, fit in result.zeniths.items()
         },
+        "verdict": verdict.to_dict(result),
+        "identifiability": identifiability_words.to_dict(result.identifiability),
         "quality": {q: _quality(result, q) for q in QUANTITIES},
         "prior": {
             "strength": float(result.distributions["Y"].prior.strength),

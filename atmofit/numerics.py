@@ -2,18 +2,26 @@
 
 import functools
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import erfcx as jax_erfcx
 
+from atmofit.extremes import Case, Span, extremes
 from atmofit.typing import Reals
 
 _ASYMPTOTIC_FROM = 8.0  # the scaled error function's series is exact to rounding from here
 _SQRT_PI = math.sqrt(math.pi)
 
 
+@extremes(
+    Case("zero", {"x": 0.0}, limit=0.0, slope={"x": 0.0}),
+    Case("negative", {"x": -4.0}, limit=0.0, slope={"x": 0.0}),
+    Case("four", {"x": 4.0}, limit=2.0, slope={"x": 0.25}),
+    x=Span(-1e30, 1e30),
+)
 def safe_sqrt(x: Reals) -> Reals:
     """Square root, with value and slope 0 at and below 0."""
     # Asked this way round so that NaN stays NaN.
@@ -21,12 +29,38 @@ def safe_sqrt(x: Reals) -> Reals:
     return jnp.where(none, 0.0, jnp.sqrt(jnp.where(none, 1.0, x)))
 
 
+@extremes(
+    Case("0 / 0", {"numerator": 0.0, "denominator": 0.0}, 0.0, {"numerator": 0.0}),
+    Case("1 / 0", {"numerator": 1.0, "denominator": 0.0}, 0.0, {"denominator": 0.0}),
+    Case("3 / 4", {"numerator": 3.0, "denominator": 4.0}, 0.75, {"denominator": -3 / 16}),
+    Case("small / small", {"numerator": 1e-15, "denominator": 1e-15}, 1.0),
+    numerator=Span(-1e30, 1e30),
+    denominator=Span(-1e30, 1e30),
+)
 def safe_divide(numerator: Reals, denominator: Reals) -> Reals:
     """Quotient, with value and slope 0 where the denominator is 0."""
     nonzero = denominator != 0
-    return jnp.where(nonzero, numerator / jnp.where(nonzero, denominator, 1.0), 0.0)
+    return jnp.where(nonzero, _quotient(numerator, jnp.where(nonzero, denominator, 1.0)), 0.0)
 
 
+@jax.custom_jvp
+def _quotient(numerator: Any, denominator: Any) -> Any:
+    return numerator / denominator
+
+
+@_quotient.defjvp
+def _quotient_slope(values: tuple[Any, Any], slopes: tuple[Any, Any]) -> tuple[Any, Any]:
+    """JAX's own rule squares the denominator, which turns 0 over a tiny number into NaN."""
+    quotient = values[0] / values[1]
+    return quotient, (slopes[0] - quotient * slopes[1]) / values[1]
+
+
+@extremes(
+    Case("zero", {"x": 0.0}, limit=1.0, slope={"x": -2 / _SQRT_PI}),
+    Case("where JAX's own fails in float32", {"x": 9.25}, limit=0.06064311514114366),
+    Case("far", {"x": 2.0**30}, 2.0**-30 / _SQRT_PI, {"x": -(2.0**-60) / _SQRT_PI}),
+    x=Span(0.0, 1e30),
+)
 def erfcx(x: Reals) -> Reals:
     """Scaled complementary error function exp(x^2) erfc(x) for x >= 0.
 
@@ -61,6 +95,11 @@ _CURVATURE_SERIES = tuple(
 )
 
 
+@extremes(
+    Case("level", {"x": 0.0}, limit=(_SQRT_PI, 0.375 * _SQRT_PI)),
+    Case("far", {"x": 2.0**30}, limit=2.0**-30),
+    x=Span(0.0, 1e30),
+)
 def chapman_factors(x: Reals) -> tuple[Reals, Reals]:
     """The two integrals of an exponential atmosphere's slant column (see `Exponential`).
 
@@ -95,12 +134,27 @@ def chebyshev_basis(x: Reals, count: int) -> Reals:
     return terms[..., :count]
 
 
+extremes(
+    Case("left end", {"x": -1.0}, (1, -1) * 6, {"x": [-((-1) ** n) * n * n for n in range(12)]}),
+    Case("right end", {"x": 1.0}, limit=1.0, slope={"x": [n * n for n in range(12)]}),
+    call=lambda x: chebyshev_basis(x, 12),
+    x=Span(-1.0, 1.0),
+)(chebyshev_basis)
+
+
 def powers(x: Reals, count: int) -> Reals:
     """1, x, x^2, ... x^(count-1) on a new last axis, with finite slopes at 0."""
     terms = jnp.stack([jnp.ones_like(x), x], axis=-1)
     while terms.shape[-1] < count:
         terms = jnp.concatenate([terms, terms[..., 1:] * terms[..., -1:]], axis=-1)
     return terms[..., :count]
+
+
+extremes(
+    Case("zero", {"x": 0.0}, limit=(1, 0, 0, 0, 0), slope={"x": (0, 1, 0, 0, 0)}),
+    call=lambda x: powers(x, 5),
+    x=Span(-1e6, 1e6),
+)(powers)
 
 
 def chebyshev_nodes(count: int) -> np.ndarray:
@@ -163,6 +217,17 @@ def harmonics(cosine: Reals, sine: Reals, degrees: int, modes: int) -> Reals:
     rows = (jnp.asarray(up, dtype), jnp.asarray(back, dtype), jnp.asarray(on_diagonal, dtype))
     _, result = jax.lax.scan(next_degree, (0 * diagonal, 0 * diagonal), rows)
     return jnp.moveaxis(result, 0, -2)
+
+
+extremes(
+    Case("zenith", {"cosine": 1.0, "sine": 0.0}),
+    Case("nadir", {"cosine": -1.0, "sine": 0.0}),
+    Case("level", {"cosine": 0.0, "sine": 1.0}),
+    call=lambda cosine, sine: harmonics(cosine, sine, 12, 6),
+    derivative="forward",
+    cosine=Span(-1.0, 1.0),
+    sine=Span(0.0, 1.0),
+)(harmonics)
 
 
 def _recurrence(degree: int, modes: int) -> tuple[np.ndarray, np.ndarray]:

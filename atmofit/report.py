@@ -9,25 +9,23 @@ from typing import Any
 import numpy as np
 
 from atmofit.fit.dataset import versions
+from atmofit.fit.movement import stored_movements
 from atmofit.fit.parameters import PerezPrior
 from atmofit.fit.refit import RefitResult
 from atmofit.fit.skies import RefitSettings
-from atmofit.render import html
+from atmofit.render import html, identifiability, verdict
 from atmofit.render.coefficients import DISTRIBUTIONS
-from atmofit.render.findings import CHROMATICITY_CLOSE, LUMINANCE_CLOSE, findings
 from atmofit.render.image import save_bytes
 from atmofit.render.refit_pictures import refit_pictures
 from atmofit.render.text import (
-    STATISTICS,
     coefficient_rows,
     comparison_text,
     condition,
     number,
-    statistic,
-    statistic_rows,
     summary_text,
     zenith_rows,
 )
+from atmofit.render.verdict_pictures import verdict_pictures
 
 __all__ = ["comparison_text", "report_html", "summary_text", "write_report"]
 
@@ -37,9 +35,6 @@ _CAPTIONS = {
     "errors of the fits, which take residuals as independent.",
     "zenith.png": "Luminance and chromaticity at the zenith against the sun's angle, one column "
     "for each turbidity. The luminance axis is logarithmic.",
-    "comparison.png": "Both models against the simulation for each turbidity and sun. The two "
-    "tables of a row share their colours: a ratio about 1 on a logarithmic scale, a mean "
-    "difference about 0, an rms from 0.",
     "residuals_luminance.png": "Regenerated minus simulated luminance over the dome, relative. "
     "Zenith in the middle, horizon outside, the white dot is the sun; the half circle that was "
     "simulated is mirrored. Colours end at the 99th percentile.",
@@ -48,6 +43,12 @@ _CAPTIONS = {
     "skies.png": "The simulated skies in sRGB. A luminance Y is shown as 1 - exp(-Y / exposure) "
     "of the screen's white; the skies of one sun share their exposure.",
 }
+_IDENTIFIABILITY_CAPTION = (
+    "Top: where the search from each random start ended, over the lowest loss; the dotted line is "
+    "1 %. Below: the loss against the two least determined parameters, all others at their best "
+    "(of skies fitted alone: of the one determined worst); dashed the parabola of the standard "
+    "error, dotted the threshold of the 95 % interval."
+)
 
 
 def write_report(result: RefitResult, folder: str | Path) -> list[Path]:
@@ -65,7 +66,12 @@ def write_report(result: RefitResult, folder: str | Path) -> list[Path]:
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    pictures = refit_pictures(result)
+    pictures = {
+        **refit_pictures(result),
+        **verdict_pictures(result, stored_movements()),
+    }
+    if result.identifiability:
+        pictures["identifiability.png"] = identifiability.picture(result.identifiability)
     files = {"report.html": report_html(result, pictures).encode(), **pictures}
     return [save_bytes(content, folder / name) for name, content in files.items()]
 
@@ -75,16 +81,17 @@ def report_html(result: RefitResult, pictures: Mapping[str, bytes]) -> str:
 
     Args:
         result: Of the refit.
-        pictures: PNGs by file name, see `render.refit_pictures.refit_pictures`.
+        pictures: PNGs by file name, of `refit_pictures` and `verdict_pictures`.
     """
-    shown = {name: html.picture(png, _CAPTIONS[name]) for name, png in pictures.items()}
+    shown = {name: html.picture(pictures[name], words) for name, words in _CAPTIONS.items()}
     parts = [
-        *_findings(result),
-        *_comparison(result),
-        *(shown[name] for name in ("comparison.png", "zenith.png")),
+        _introduction(result),
+        *verdict.section(result, pictures, stored_movements()),
+        shown["zenith.png"],
         *_coefficients(result),
         shown["matrices.png"],
         *_quality(result),
+        *_identifiability(result, pictures),
         html.heading("Where the regenerated model misses the simulation"),
         *(shown[name] for name in shown if name.startswith("residuals_")),
         html.heading("The simulated skies"),
@@ -94,66 +101,20 @@ def report_html(result: RefitResult, pictures: Mapping[str, bytes]) -> str:
     return html.page("Sky model refitted to simulated skies", parts)
 
 
-def _findings(result: RefitResult) -> list[str]:
+def _introduction(result: RefitResult) -> str:
     s = result.skies.settings
     suns, directions = s.solar_zenith_angle_deg, result.skies.directions.shape[0]
-    return [
-        html.paragraph(
-            f"{len(s.turbidity) * len(suns)} clear skies were simulated: turbidity "
-            f"{min(s.turbidity):g} to {max(s.turbidity):g}, sun {min(suns):g}° to {max(suns):g}° "
-            f"from the zenith, {directions} directions, {_orders(s.orders)}. The model of "
-            "Preetham, Shirley and Smits (1999) was fitted to them again, and both the published "
-            "and the regenerated model were held against them."
-        ),
-        html.heading("What was found"),
-        html.bullets(findings(result)),
-        html.paragraph(
-            f"Said to be reproduced: luminance within {100 * LUMINANCE_CLOSE:.0f} % rms, "
-            f"chromaticity within {CHROMATICITY_CLOSE} rms, coefficients if all lie within two "
-            "standard errors. Standard errors tell how well the skies fix a coefficient, not how "
-            "far the formula is from them."
-        ),
-    ]
+    return html.paragraph(
+        f"{len(s.turbidity) * len(suns)} clear skies were simulated: turbidity "
+        f"{min(s.turbidity):g} to {max(s.turbidity):g}, sun {min(suns):g}° to {max(suns):g}° "
+        f"from the zenith, {directions} directions, {_orders(s.orders)}. The model of "
+        "Preetham, Shirley and Smits (1999) was fitted to them again, and both the published "
+        "and the regenerated model were held against them."
+    )
 
 
 def _orders(orders: int) -> str:
     return "single scattering" if orders == 1 else f"scattering orders 1 to {orders}"
-
-
-def _comparison(result: RefitResult) -> list[str]:
-    names = [one.name for one in result.comparisons]
-    settings = result.skies.settings
-    head = ["T", *(name for _, name, _ in STATISTICS)]
-    parts = [
-        html.heading("Models against the simulation"),
-        html.table(["all skies", *names], statistic_rows(result.comparisons)),
-    ]
-    for one in result.comparisons:
-        rows = [
-            [f"{T:g}", *(_over(getattr(one, f)[i], f, form) for f, _, form in STATISTICS)]
-            for i, T in enumerate(settings.turbidity)
-        ]
-        parts += [html.heading(f"{one.name}, by turbidity", 3), html.table(head, rows)]
-    for one in result.comparisons:
-        rows = [
-            [
-                f"{sun:g}°",
-                *(_over(getattr(one, f)[:, j], f, form) for f, _, form in STATISTICS),
-            ]
-            for j, sun in enumerate(settings.solar_zenith_angle_deg)
-        ]
-        head = ["sun", *head[1:]]
-        parts += [html.heading(f"{one.name}, by sun", 3), html.table(head, rows)]
-    return parts
-
-
-def _over(values: np.ndarray, field: str, form: str) -> str:
-    """Mean, or root mean square of an rms, of the cells where the model is valid."""
-    valid = values[np.isfinite(values)]
-    if not valid.size:
-        return "-"
-    rms = field.endswith("rms")
-    return statistic(float(np.sqrt(np.mean(valid**2)) if rms else np.mean(valid)), form)
 
 
 def _coefficients(result: RefitResult) -> list[str]:
@@ -200,6 +161,20 @@ def _quality(result: RefitResult) -> list[str]:
             "them, else the worst. Zenith fits are linear least squares."
         ),
         html.paragraph(_prior(result.distributions["Y"].prior)),
+    ]
+
+
+def _identifiability(result: RefitResult, pictures: Mapping[str, bytes]) -> list[str]:
+    if not result.identifiability:
+        return []
+    s = result.skies.settings
+    labels = (
+        [f"T = {T:g}" for T in s.turbidity],
+        [f"sun {sun:g}°" for sun in s.solar_zenith_angle_deg],
+    )
+    return [
+        *identifiability.section(result.identifiability, labels),
+        html.picture(pictures["identifiability.png"], _IDENTIFIABILITY_CAPTION),
     ]
 
 

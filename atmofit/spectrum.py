@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from atmofit.checks import in_range, is_traced
+from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.typing import Reals, RealsLike, Scalar, real_array, scalar
 
 _SLACK = 1e-6  # the rounding of float32, since nodes or wavelengths may have been rounded
@@ -65,6 +66,15 @@ class Spectrum(eqx.Module):
             low, high = float(known[0]), float(known[-1])
             inside = in_range("wavelength_nm", wavelength_nm, low, high, "nm", slack=_SLACK * high)
         return jnp.interp(inside, nodes.astype(inside.dtype), values.astype(inside.dtype))
+
+
+extremes(
+    Case("at a node", {"values": (1.0, 3.0, 2.0), "wavelength_nm": 500.0}, limit=3.0),
+    Case("between", {"values": (1.0, 3.0, 2.0), "wavelength_nm": 450.0}, limit=2.0),
+    call=lambda values, wavelength_nm: Spectrum((400.0, 500.0, 700.0), values)(wavelength_nm),
+    values=Span((-1e30,) * 3, (1e30,) * 3),
+    wavelength_nm=Domain(400.0, 700.0),
+)(Spectrum)
 
 
 def at(quantity: RealsLike | Spectrum, wavelength_nm: RealsLike) -> Reals:

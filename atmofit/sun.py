@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 
 from atmofit.checks import choice
+from atmofit.extremes import Domain, extremes
 from atmofit.spectrum import Spectrum
 from atmofit.tables import preetham1999_spectra
 
@@ -25,6 +26,12 @@ def solar_irradiance_spectrum(preset: str) -> Spectrum:
         table = preetham1999_spectra()
         return Spectrum(table.wavelength_nm, table.sun_irradiance)
     return Spectrum(*_astm_g173())
+
+
+extremes(
+    call=lambda wavelength_nm: solar_irradiance_spectrum("preetham1999")(wavelength_nm),
+    wavelength_nm=Domain(380.0, 780.0),
+)(solar_irradiance_spectrum)
 
 
 @functools.cache

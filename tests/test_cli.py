@@ -8,7 +8,21 @@ pytest.importorskip("tyro")
 
 from atmofit.cli import main
 
-SMALL = ["--rtol", "5e-2", "--turbidity", "2", "4", "6", "--suns", "0", "30", "60", "80"]
+SMALL = [
+    "--rtol",
+    "5e-2",
+    "--turbidity",
+    "2",
+    "4",
+    "6",
+    "--suns",
+    "0",
+    "30",
+    "60",
+    "80",
+    "--starts",
+    "0",
+]
 FILES = {"coefficients.json", "sky.nc", "report.html"}
 
 
@@ -25,6 +39,35 @@ def test_refit_writes_its_files(folder):
     assert sum(name.endswith(".png") for name in names) >= 4
     stored = json.loads((folder / "coefficients.json").read_text())
     assert stored["settings"]["turbidity"] == [2.0, 4.0, 6.0]
+
+
+def numbers(folder):
+    stored = json.loads((folder / "coefficients.json").read_text())
+    del stored["seconds"]
+    return stored
+
+
+def test_second_run_takes_the_pieces_of_the_first_and_names_a_damaged_one(
+    folder, capsys, monkeypatch
+):
+    monkeypatch.setattr("atmofit.cli.write_report", lambda *_: [])  # costs seconds
+    first = numbers(folder)
+    pieces = sorted(folder.glob("pieces/*/*"))
+    assert len(pieces) == 3
+    pieces[1].write_bytes(pieces[1].read_bytes()[:-1])
+    assert main(["refit", *SMALL, "--out", str(folder)]) == 0
+    printed = capsys.readouterr()
+    assert f"atmofit: piece {pieces[1]} is damaged (" in printed.err
+    assert f"pieces: 2 of 3 of the simulation were found in {folder / 'pieces'}" in printed.out
+    assert numbers(folder) == first
+
+
+def test_run_without_pieces_keeps_none(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("atmofit.cli.write_report", lambda *_: [])
+    assert main(["refit", *SMALL, "--no-pieces", "--out", str(tmp_path)]) == 0
+    assert "pieces:" not in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {"coefficients.json", "sky.nc"}
+    assert numbers(tmp_path) == numbers(folder)
 
 
 @pytest.mark.parametrize("model", ["published", "file"])

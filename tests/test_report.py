@@ -18,6 +18,9 @@ PICTURES = {
     "residuals_x.png",
     "residuals_y.png",
     "comparison.png",
+    "ratios.png",
+    "scores.png",
+    "what_moves_it.png",
     "zenith.png",
     "skies.png",
 }

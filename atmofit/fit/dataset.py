@@ -2,17 +2,15 @@
 
 import dataclasses
 import json
-from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from atmofit.fit.skies import QUANTITIES, SimulatedSkies
+from atmofit.provenance import versions
 
 if TYPE_CHECKING:
     import xarray
-
-_PACKAGES = ("atmofit", "jax", "equinox", "optimistix", "numpy")
 
 
 def to_dataset(skies: SimulatedSkies, residuals: np.ndarray) -> "xarray.Dataset":
@@ -56,8 +54,3 @@ def to_dataset(skies: SimulatedSkies, residuals: np.ndarray) -> "xarray.Dataset"
         "plan": str(settings.plan()),
     }
     return xarray.Dataset(variables, coordinates, provenance)
-
-
-def versions() -> dict[str, str]:
-    """Versions of the packages on which numbers depend."""
-    return {name: metadata.version(name) for name in _PACKAGES}

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import jax
@@ -10,6 +11,12 @@ import numpy as np
 from atmofit.fit.comparison import Comparison, compare, predict
 from atmofit.fit.dataset import to_dataset
 from atmofit.fit.distribution import DistributionFit, fit_distribution
+from atmofit.fit.identifiability import (
+    Identifiability,
+    identify_distribution,
+    identify_perez,
+    identify_zenith,
+)
 from atmofit.fit.single_sky import PerezFit, fit_perez
 from atmofit.fit.skies import (
     QUANTITIES,
@@ -39,6 +46,8 @@ class RefitResult:
         zeniths: Fits of the zenith values of "x", "y" and "Y".
         single_skies: Perez fits to each sky alone, [turbidity, sun].
         comparisons: Of the published and of the regenerated model.
+        identifiability: How far the skies determine each fit: "Y together", "Y zenith",
+            "Y alone" and so for x and y; empty if no starts were asked for.
         seconds: Of each stage.
     """
 
@@ -48,6 +57,7 @@ class RefitResult:
     zeniths: Mapping[str, ZenithFit]
     single_skies: Mapping[str, PerezFit]
     comparisons: tuple[Comparison, ...]
+    identifiability: Mapping[str, Identifiability]
     seconds: dict[str, float]
 
     @property
@@ -73,68 +83,134 @@ class RefitResult:
 
 
 def refit(
-    settings: RefitSettings | None = None, *, progress: Progress | None = None, **changes: Any
+    settings: RefitSettings | None = None,
+    *,
+    skies: SimulatedSkies | None = None,
+    pieces: str | Path | None = None,
+    progress: Progress | None = None,
+    **changes: Any,
 ) -> RefitResult:
-    """Simulate skies and fit the model of the 1999 paper to them.
+    """Simulate skies, or take given ones, and fit the model of the 1999 paper to them.
 
     Args:
-        settings: What to do; None: the reference job.
-        progress: Called with the name of each stage as it begins.
+        settings: What to do; None: the reference job, or the settings of the given skies.
+        skies: From `simulate_skies`; nothing is simulated then, and only settings of the fits may
+            differ from theirs.
+        pieces: Folder in which finished pieces of the simulation are kept, and from which those
+            of an earlier run are taken, see `simulate_skies`; None: nothing is written.
+        progress: Called with the name of each stage, and with the number of each piece of the
+            simulation, as it begins.
         **changes: Settings by name that differ from `settings`.
 
     Returns:
         The model, its fits with standard errors, the skies and the comparisons.
 
     Raises:
-        ValueError: A setting lies outside its range.
+        ValueError: A setting lies outside its range, or differs from what was simulated; or the
+            folder of the pieces cannot be written.
     """
-    settings = dataclasses.replace(settings or RefitSettings(), **changes)
+    if skies is not None and pieces is not None:
+        raise ValueError(f"pieces must be None where skies are given, got {str(pieces)!r}")
+    default = RefitSettings() if skies is None else skies.settings
+    settings = dataclasses.replace(settings or default, **changes)
     with jax.enable_x64(True):
         clock = Clock(progress)
-        skies = simulate_skies(settings, clock)
-        return _fit(skies, clock)
+        if skies is None:
+            skies = simulate_skies(settings, clock, pieces)
+        return _fit(skies.under(settings), clock)
 
 
-def _fit(skies: SimulatedSkies, clock: "Clock") -> RefitResult:
+def _fit(skies: SimulatedSkies, clock: Clock) -> RefitResult:
     """All fits and both comparisons."""
+    with clock.stage("joint fits"):
+        joint = _joint_fits(skies)
+    with clock.stage("zenith fits"):
+        zeniths = _zenith_fits(skies)
+    with clock.stage("single skies"):
+        single = _single_sky_fits(skies)
+    model = fitted_model(joint, zeniths, skies.settings.turbidity)
+    with clock.stage("comparison"):
+        comparisons = (
+            compare(PREETHAM_1999, skies, "published"),
+            compare(model, skies, "regenerated"),
+        )
+    identifiability: dict[str, Identifiability] = {}
+    if skies.settings.starts:
+        with clock.stage("identifiability"):
+            identifiability = _identify(skies, zeniths)
+    return RefitResult(
+        model, skies, joint, zeniths, single, comparisons, identifiability, dict(clock.seconds)
+    )
+
+
+def _joint_fits(skies: SimulatedSkies) -> dict[str, DistributionFit]:
+    """One distribution over all skies for each quantity."""
     s = skies.settings
     axes = (skies.directions, s.solar_zenith_angle, np.asarray(s.turbidity))
-    weighting = {"x": "absolute", "y": "absolute", "Y": s.weighting}
-    with clock.stage("joint fits"):
-        joint = {
-            q: fit_distribution(*axes, skies.quantity(q), weighting=weighting[q])
+    return _to_numpy(
+        {
+            q: fit_distribution(*axes, skies.quantity(q), weighting=s.weighting_of(q))
             for q in QUANTITIES
         }
-        joint = _to_numpy(joint)
-    with clock.stage("zenith fits"):
-        table = (axes[2], axes[1])
-        zeniths = {
-            "x": fit_zenith_chromaticity(*table, skies.zenith[..., 0], weighting="absolute"),
-            "y": fit_zenith_chromaticity(*table, skies.zenith[..., 1], weighting="absolute"),
-            "Y": fit_zenith_luminance(*table, skies.zenith[..., 2]),
+    )
+
+
+def _zenith_fits(skies: SimulatedSkies) -> dict[str, ZenithFit]:
+    """Zenith values as functions of turbidity and sun."""
+    s, zenith = skies.settings, skies.zenith
+    axes = (np.asarray(s.turbidity), s.solar_zenith_angle)
+    return _to_numpy(
+        {
+            "x": fit_zenith_chromaticity(*axes, zenith[..., 0], weighting="absolute"),
+            "y": fit_zenith_chromaticity(*axes, zenith[..., 1], weighting="absolute"),
+            "Y": fit_zenith_luminance(*axes, zenith[..., 2]),
         }
-        zeniths = _to_numpy(zeniths)
-    with clock.stage("single skies"):
-        single = {
-            q: fit_perez(axes[0], axes[1], skies.quantity(q), weighting=weighting[q])
-            for q in QUANTITIES
-        }
-        single = _to_numpy(single)
-    model = PreethamModel(
+    )
+
+
+def _single_sky_fits(skies: SimulatedSkies) -> dict[str, PerezFit]:
+    """Each sky fitted alone."""
+    s = skies.settings
+    axes = (skies.directions, s.solar_zenith_angle)
+    return _to_numpy(
+        {q: fit_perez(*axes, skies.quantity(q), weighting=s.weighting_of(q)) for q in QUANTITIES}
+    )
+
+
+def _identify(
+    skies: SimulatedSkies, zeniths: Mapping[str, ZenithFit]
+) -> dict[str, Identifiability]:
+    """Every fit searched for from many starts, its weakest direction and its profiles."""
+    s = skies.settings
+    axes = (skies.directions, s.solar_zenith_angle)
+    turbidity = np.asarray(s.turbidity)
+    found = {}
+    for q in QUANTITIES:
+        how: dict[str, Any] = {
+            "weighting": s.weighting_of(q), "starts": s.starts, "seed": s.seed
+        }  # fmt: skip
+        values = skies.quantity(q)
+        found[f"{q} together"] = identify_distribution(*axes, turbidity, values, **how)
+        found[f"{q} alone"] = identify_perez(*axes, values, **how)
+        found[f"{q} zenith"] = identify_zenith(zeniths[q])
+    return _to_numpy(found)
+
+
+def fitted_model(
+    joint: Mapping[str, DistributionFit],
+    zeniths: Mapping[str, ZenithFit],
+    turbidity: tuple[float, ...],
+) -> PreethamModel:
+    """The fitted coefficients as a model, valid inside the turbidities of the skies."""
+    return PreethamModel(
         x_distribution=joint["x"].matrix,
         y_distribution=joint["y"].matrix,
         luminance_distribution=joint["Y"].matrix,
         zenith_x=zeniths["x"].coefficients,
         zenith_y=zeniths["y"].coefficients,
         zenith_luminance=zeniths["Y"].coefficients,
-        turbidity_range=(min(s.turbidity), max(s.turbidity)),
+        turbidity_range=(min(turbidity), max(turbidity)),
     )
-    with clock.stage("comparison"):
-        comparisons = (
-            compare(PREETHAM_1999, skies, "published"),
-            compare(model, skies, "regenerated"),
-        )
-    return RefitResult(model, skies, joint, zeniths, single, comparisons, dict(clock.seconds))
 
 
 def _to_numpy(fits: dict[str, _Fit]) -> dict[str, _Fit]:

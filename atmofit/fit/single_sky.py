@@ -1,5 +1,7 @@
 """Fits of the Perez formula to single skies, to many at once."""
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,12 +9,16 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from atmofit.checks import angle_in_range, choice, in_range
-from atmofit.fit import least_squares, parameters
+from atmofit.fit import least_squares, parameters, perez_loss
 from atmofit.fit import weighting as weights
 from atmofit.fit.parameters import PerezPrior
+from atmofit.fit.uncertainty import Uncertainty, uncertainty
 from atmofit.geometry import HORIZON, DirectionGrid, Directions, scattering_angle
 from atmofit.models.perez import perez_formula
 from atmofit.typing import Reals, RealsLike, Scalar
+
+if TYPE_CHECKING:
+    from atmofit.fit.distribution import RatioProblem
 
 MAX_STEPS = 200
 DEFAULT_PRIOR = PerezPrior()
@@ -24,7 +30,7 @@ class PerezFit(eqx.Module):
     Attributes:
         coefficients: A, B, C, D, E.
         scale: Factor on the formula, in the unit of the values; 1 if it was not fitted.
-        standard_error: Of A, B, C, D, E and the scale; see `least_squares.uncertainty` for what
+        standard_error: Of A, B, C, D, E and the scale; see `uncertainty.uncertainty` for what
             it means. The scale's is 0 if it was not fitted.
         covariance: Of the six.
         condition_number: Of the data's Jacobian, columns scaled to unit length.
@@ -77,8 +83,8 @@ def fit_perez(
     """Fit values = scale F(θ, γ) to one sky or to many at once.
 
     The search keeps B and D negative and 1 + A exp(B) positive (`fit.parameters`), which holds
-    for every published sky, and begins from the two best of 42 skies. It runs in float64 where
-    JAX allows it.
+    for every published sky, and begins from the best of 42 skies. It runs in float64 where JAX
+    allows it.
 
     Args:
         directions: At least as many as parameters.
@@ -95,6 +101,23 @@ def fit_perez(
     Raises:
         ValueError: Empty, non-finite or non-positive data, or shapes or angles that do not fit.
     """
+    problem, unit, skies = checked_problem(
+        directions, solar_zenith_angle, values, weighting, fit_scale, prior
+    )
+    fitted = _fit_skies(problem, unit, max_steps)
+    arrays = jax.tree.map(lambda leaf: leaf.reshape(skies + leaf.shape[1:]), fitted)
+    return PerezFit(**arrays, weighting=weighting, prior=prior)
+
+
+def checked_problem(
+    directions: Directions | DirectionGrid,
+    solar_zenith_angle: RealsLike,
+    values: RealsLike,
+    weighting: str,
+    fit_scale: bool,
+    prior: PerezPrior,
+) -> tuple["SkyProblem", Float[Array, " sky"], tuple[int, ...]]:
+    """The problem of `fit_perez`, whose arguments and errors these are; units; skies' axes."""
     choice("weighting", weighting, weights.WEIGHTINGS)
     data = weights.checked_values("values", values, weighting)
     view, azimuth = direction_angles(directions, data.dtype)
@@ -115,9 +138,8 @@ def fit_perez(
         ) from None
     data = data.reshape(-1, view.size)
     measure = weights.measure(data, weighting, axes=1)
-    fitted = _fit_skies(view, azimuth, sun.ravel(), data, measure, prior, fit_scale, max_steps)
-    arrays = jax.tree.map(lambda leaf: leaf.reshape(skies + leaf.shape[1:]), fitted)
-    return PerezFit(**arrays, weighting=weighting, prior=prior)
+    problem, unit = sky_problem(view, azimuth, sun.ravel(), data, measure, prior, fit_scale)
+    return problem, unit, skies
 
 
 def direction_angles(
@@ -130,8 +152,119 @@ def direction_angles(
     return view.ravel().astype(dtype), azimuth.ravel().astype(dtype)
 
 
+class SkyProblem(eqx.Module):
+    """Skies to be fitted one by one, each with five parameters in widths of the prior.
+
+    Attributes:
+        view, airmass: Of each direction.
+        γ, square: Angle from the sun and its squared cosine.
+        values: Of each sky, in units of their root mean square if the scale is fitted.
+        measure: Of the values, its unit of their shape.
+        prior: Its strength is the search's ridge.
+        fit_scale: Static.
+    """
+
+    view: Float[Array, " d"]
+    airmass: Float[Array, " d"]
+    γ: Float[Array, "sky d"]
+    square: Float[Array, "sky d"]
+    values: Float[Array, "sky d"]
+    measure: weights.Measure
+    prior: PerezPrior
+    fit_scale: bool = eqx.field(static=True)
+    ends: int = eqx.field(static=True, default=1)
+    lanes: int = eqx.field(static=True, default=64)  # whose tables fit in a processor's cache
+
+    def coefficients(self, place: Reals) -> Float[Array, "1 5"]:
+        """A..E from parameters."""
+        return parameters.to_coefficients(self.prior.free(place))[None, :]
+
+    def derivatives(self, sky: Int[Array, ""], place: Reals) -> least_squares.Derivatives:
+        """Half the mean squared residual of one sky, with gradient and Hessian."""
+        c, data, measure = self.coefficients(place)[0], self.values[sky], self._measure(sky)
+        horizon = perez_loss.horizon_rows(c, self.airmass)
+        sun = perez_loss.sun_rows(c, self.γ[sky], self.square[sky])
+        scale = self._scale(horizon[0] * sun[0], data, measure)
+        share = jnp.full_like(data, 1 / data.size)
+        all_six = perez_loss.sky_loss(horizon, sun, scale, data, measure, share)
+        if self.fit_scale:
+            value, gradient, hessian = perez_loss.with_best_scale(*all_six)
+        else:
+            value, gradient, hessian = all_six[0], all_six[1][:5], all_six[2][:5, :5]
+        return value, *parameters.pull_back(
+            self.coefficients, place, gradient[None, :], hessian[None, :, :]
+        )
+
+    def summary(self, sky: Int[Array, ""], place: Reals) -> "SkySummary":
+        """What a fit says about one sky, its uncertainty included."""
+        data, measure, γ = self.values[sky], self._measure(sky), self.γ[sky]
+        coefficients = self.coefficients(place)[0]
+        shape = perez_formula(coefficients, self.view, γ)
+        scale = self._scale(shape, data, measure)
+        residuals = measure.misfit(scale * shape, data)
+
+        def of_published(p: Reals) -> Reals:
+            factor = p[5] if self.fit_scale else jnp.ones_like(p[0])
+            model = factor * perez_formula(p[:5], self.view, γ)
+            return measure.misfit(model, data) / np.sqrt(data.size)
+
+        def of_prior(p: Reals) -> Reals:
+            return self.prior.residuals(parameters.to_free(p[:5]))
+
+        published = jnp.append(coefficients, scale) if self.fit_scale else coefficients
+        known = uncertainty(of_published, of_prior, published)
+        return SkySummary(coefficients, scale, residuals, known)
+
+    def _measure(self, sky: Int[Array, ""]) -> weights.Measure:
+        return weights.Measure(self.measure.unit[sky], self.measure.log)
+
+    def _scale(self, shape: Reals, data: Reals, measure: weights.Measure) -> Scalar:
+        return measure.best_scale(shape, data) if self.fit_scale else jnp.ones_like(shape[0])
+
+    def known(self, sky: Int[Array, ""], place: Reals) -> tuple[Reals, Uncertainty]:
+        """A..E and the scale, if it was fitted, with their uncertainty."""
+        best = self.summary(sky, place)
+        scale = best.scale[None] if self.fit_scale else best.scale[None][:0]
+        return jnp.append(best.coefficients, scale), best.known
+
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters."""
+        return (*parameters.NAMES, "scale") if self.fit_scale else parameters.NAMES
+
+
+class SkySummary(NamedTuple):
+    """Coefficients A..E, their scale, residuals and uncertainty of one sky."""
+
+    coefficients: Reals
+    scale: Scalar
+    residuals: Reals
+    known: Uncertainty
+
+
 @eqx.filter_jit
-def _fit_skies(
+def _fit_skies(problem: SkyProblem, unit: Float[Array, " sky"], max_steps: int) -> dict[str, Array]:
+    skies = unit.size
+    minimum = search(problem, skies, max_steps)
+    best = jax.vmap(problem.summary)(jnp.arange(skies), minimum.parameters)
+    missing = 5 + 1 - best.known.standard_error.shape[-1]
+    error = jnp.pad(best.known.standard_error, ((0, 0), (0, missing)))
+    covariance = jnp.pad(best.known.covariance, ((0, 0), (0, missing), (0, missing)))
+    units = jnp.concatenate([jnp.ones((unit.size, 5), unit.dtype), unit[:, None]], axis=1)
+    return {
+        "coefficients": best.coefficients,
+        "scale": best.scale * unit,
+        "standard_error": error * units,
+        "covariance": covariance * units[:, :, None] * units[:, None, :],
+        "condition_number": best.known.condition_number,
+        "rms": jnp.sqrt(jnp.mean(best.residuals**2, axis=1)),
+        "largest": jnp.max(jnp.abs(best.residuals), axis=1),
+        "converged": minimum.converged,
+        "steps": minimum.steps,
+    }
+
+
+@eqx.filter_jit
+def sky_problem(
     view: Reals,
     azimuth: Reals,
     suns: Reals,
@@ -139,90 +272,41 @@ def _fit_skies(
     measure: weights.Measure,
     prior: PerezPrior,
     fit_scale: bool,
-    max_steps: int,
-) -> dict[str, Array]:
-    def one(sun: Scalar, data: Reals, measure: weights.Measure) -> dict[str, Array]:
-        γ = scattering_angle(view, azimuth, sun)
-        # The unit of the data must not matter for the guards.
-        unit = jnp.sqrt(jnp.mean(data**2)) if fit_scale else jnp.ones_like(sun)
-        measure = weights.Measure(measure.unit / unit, measure.log)
-        fitted = _fit_sky(view, γ, data / unit, measure, prior, fit_scale, max_steps)
-        units = jnp.append(jnp.ones(5, unit.dtype), unit)
-        fitted["scale"] = fitted["scale"] * unit
-        fitted["standard_error"] = fitted["standard_error"] * units
-        fitted["covariance"] = fitted["covariance"] * units[:, None] * units[None, :]
-        return fitted
-
-    return jax.vmap(one)(suns, values, measure)
-
-
-def _fit_sky(
-    view: Reals,
-    γ: Reals,
-    data: Reals,
-    measure: weights.Measure,
-    prior: PerezPrior,
-    fit_scale: bool,
-    max_steps: int,
-) -> dict[str, Array]:
-    share = 1 / np.sqrt(data.size)
-
-    def best(shape: Reals) -> Scalar:
-        return measure.best_scale(shape, data) if fit_scale else jnp.ones_like(shape[0])
-
-    def of_data(free: Reals) -> Reals:
-        shape = perez_formula(parameters.to_coefficients(free), view, γ)
-        return measure.misfit(best(shape) * shape, data) * share
-
-    def of_all(free: Reals) -> Reals:
-        return jnp.append(of_data(free), prior.residuals(free))
-
-    minimum = search(of_all, view.dtype, 1, max_steps, starts=2)
-    coefficients = parameters.to_coefficients(minimum.parameters)
-    shape = perez_formula(coefficients, view, γ)
-    scale = best(shape)
-    residuals = measure.misfit(scale * shape, data)
-
-    def of_published(p: Reals) -> Reals:
-        factor = p[5] if fit_scale else jnp.ones_like(p[0])
-        return measure.misfit(factor * perez_formula(p[:5], view, γ), data) * share
-
-    def of_prior(p: Reals) -> Reals:
-        return prior.residuals(parameters.to_free(p[:5]))
-
-    published = jnp.append(coefficients, scale) if fit_scale else coefficients
-    known = least_squares.uncertainty(of_published, of_prior, published)
-    missing = 6 - published.size
-    return {
-        "coefficients": coefficients,
-        "scale": scale,
-        "standard_error": jnp.pad(known.standard_error, (0, missing)),
-        "covariance": jnp.pad(known.covariance, (0, missing)),
-        "condition_number": known.condition_number,
-        "rms": jnp.sqrt(jnp.mean(residuals**2)),
-        "largest": jnp.max(jnp.abs(residuals)),
-        "converged": minimum.converged,
-        "steps": minimum.steps,
-    }
+) -> tuple[SkyProblem, Float[Array, " sky"]]:
+    """The problem, and the unit in which it holds the values of each sky."""
+    γ = scattering_angle(view[None, :], azimuth[None, :], suns[:, None])
+    size = jnp.sqrt(jnp.mean(values**2, axis=1))
+    # The unit of the data must not matter for the guards.
+    unit = size if fit_scale else jnp.ones_like(size)
+    problem = SkyProblem(
+        view=view,
+        airmass=perez_loss.relative_airmass(view),
+        γ=γ,
+        square=jnp.cos(γ) ** 2,
+        values=values / unit[:, None],
+        measure=weights.Measure(measure.unit / unit[:, None], measure.log),
+        prior=prior,
+        fit_scale=fit_scale,
+    )
+    return problem, unit
 
 
 def search(
-    residuals: least_squares.Residuals,
-    dtype: jnp.dtype,
-    copies: int,
-    max_steps: int,
-    starts: int,
+    problem: "SkyProblem | RatioProblem", fits: int, max_steps: int
 ) -> least_squares.Minimum:
-    """Minimise from the best candidates, each with another horizon, and keep the lowest."""
-    table = jnp.asarray(parameters.candidates(), dtype)
-    first = jnp.tile(table, (1, 1, copies))
-    losses = jax.vmap(jax.vmap(lambda free: jnp.sum(residuals(free) ** 2)))(first)
-    best_sun = jnp.argmin(losses, axis=1)
-    rows = jnp.arange(table.shape[0])
-    horizons = jnp.argsort(losses[rows, best_sun])[:starts]
-    begin = first[horizons, best_sun[horizons]]
-    if starts == 1:
-        return least_squares.minimise(residuals, begin[0], max_steps)
-    ends = jax.vmap(lambda free: least_squares.minimise(residuals, free, max_steps))(begin)
-    lowest = jnp.argmin(jnp.where(jnp.isnan(ends.loss), jnp.inf, ends.loss))
-    return jax.tree.map(lambda leaf: leaf[lowest], ends)
+    """Minimise each fit of a problem from the best of the candidates."""
+    starts = best_candidates(problem, fits)
+    paths = parameters.paths(problem.prior, problem.ends, starts.dtype)
+    return least_squares.minimise(problem.derivatives, starts, paths, max_steps, problem.lanes)
+
+
+def best_candidates(problem: "SkyProblem | RatioProblem", fits: int) -> Float[Array, "fit p"]:
+    """Where the search for each fit of a problem begins."""
+    table = jnp.asarray(parameters.candidates(), jnp.result_type(float))
+    table = jnp.tile(problem.prior.place(table), (1, problem.ends))
+
+    def best(fit: Int[Array, ""]) -> Reals:
+        losses = jax.vmap(lambda place: problem.derivatives(fit, place)[0])(table)
+        return table[jnp.argmin(jnp.where(jnp.isnan(losses), jnp.inf, losses))]
+
+    return jax.lax.map(best, jnp.arange(fits), batch_size=min(fits, 8))

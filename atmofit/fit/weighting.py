@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from atmofit.checks import is_traced
+from atmofit.checks import in_range, is_traced
 from atmofit.typing import Reals, RealsLike, Scalar
 
 WEIGHTINGS = ("relative", "absolute", "log")
@@ -38,6 +38,22 @@ def checked_values(name: str, values: RealsLike, weighting: str) -> Reals:
     return array
 
 
+def checked_weight(weight: RealsLike | None, shape: tuple[int, ...], dtype: jnp.dtype) -> Reals:
+    """Weights of data of a shape, ones for None.
+
+    Raises:
+        ValueError: Known weights are not finite, negative, all 0 or of another shape.
+    """
+    if weight is None:
+        return jnp.ones(shape, dtype)
+    array = in_range("weight", weight, 0.0, np.inf).astype(dtype)
+    if array.shape != shape:
+        raise ValueError(f"weight must have the shape of the values, {shape}, got {array.shape}")
+    if not is_traced(array) and not np.asarray(array).any():
+        raise ValueError(f"weight must not all be 0, got {array.size} zeros")
+    return array
+
+
 class Measure(eqx.Module):
     """What a residual is counted in; a traced unit, so that weightings share compiled programs.
 
@@ -55,6 +71,14 @@ class Measure(eqx.Module):
             return safe_log(model) - jnp.log(values)
         return (model - values) / self.unit
 
+    def misfit_derivatives(self, model: Reals, values: Reals) -> tuple[Reals, Reals, Reals]:
+        """Residuals with their first and second derivatives by the model."""
+        if self.log:
+            good = model > _SMALLEST
+            slope = 1 / jnp.where(good, model, _SMALLEST)
+            return self.misfit(model, values), slope, jnp.where(good, -(slope**2), 0.0)
+        return self.misfit(model, values), 1 / self.unit, jnp.zeros_like(model)
+
     def best_scale(self, shape: Reals, values: Reals) -> Scalar:
         """The factor on a model's shape that makes the sum of squared residuals smallest."""
         if self.log:
@@ -64,7 +88,9 @@ class Measure(eqx.Module):
         return jnp.sum(model * data) / (jnp.sum(model**2) + tiny)
 
 
-def measure(values: Reals, weighting: str, axes: int | None = None) -> Measure:
+def measure(
+    values: Reals, weighting: str, axes: int | None = None, weight: Reals | None = None
+) -> Measure:
     """How residuals of the values are counted.
 
     Args:
@@ -72,11 +98,12 @@ def measure(values: Reals, weighting: str, axes: int | None = None) -> Measure:
         weighting: "relative" to each value, "absolute" in units of the values' root mean square,
             or "log", the difference of logarithms.
         axes: The last so many axes hold one set of data; None: all.
+        weight: Of each value in that root mean square, of the shape of the values; None: equal.
     """
     if weighting == "relative":
         return Measure(values, log=False)
     last = None if axes is None else tuple(range(-axes, 0))
-    size = jnp.sqrt(jnp.mean(values**2, axis=last, keepdims=True))
+    size = jnp.sqrt(jnp.average(values**2, axis=last, weights=weight, keepdims=True))
     return Measure(jnp.broadcast_to(size, values.shape), log=weighting == "log")
 
 

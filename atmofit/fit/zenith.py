@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from atmofit.checks import angle_in_range, choice, in_range, is_traced
 from atmofit.fit import weighting as weights
+from atmofit.fit.uncertainty import pointing_up
 from atmofit.geometry import HORIZON
 from atmofit.models.preetham import (
     CANDELA_PER_KILOCANDELA,
@@ -29,9 +30,17 @@ class ZenithFit(eqx.Module):
         coefficients: Luminance: a, b, c, d [kcd m^-2]. Chromaticity: the matrix
             [(T^2, T, 1), (s^3, s^2, s, 1)].
         standard_error: Of the coefficients, the same shape; residuals taken as independent, as
-            in `least_squares.uncertainty`.
+            in `uncertainty.uncertainty`.
+        robust_standard_error: Likewise, but each cell of the table may have a variance of its
+            own (HC3: each residual is divided by 1 - its leverage before it enters the sandwich).
         covariance: Of the coefficients row by row.
         condition_number: Of the design matrix with its columns scaled to unit length.
+        column_norm: Length of each column over the root of their number: the root mean square
+            residual that the coefficient alone changes, per unit; row by row.
+        weakest_direction: Unit vector over the coefficients row by row, each in units of
+            1 / column_norm, along which residuals change least.
+        weakest_change: Root mean square change of the residuals along it, per unit; 1 for a
+            coefficient alone.
         rms: Root mean square residual, dimensionless in the measure of the weighting.
         largest: Largest residual by size.
         residuals: [turbidity, sun], likewise.
@@ -40,8 +49,12 @@ class ZenithFit(eqx.Module):
 
     coefficients: Float[Array, "*cells"]
     standard_error: Float[Array, "*cells"]
+    robust_standard_error: Float[Array, "*cells"]
     covariance: Float[Array, "p p"]
     condition_number: Float[Array, ""]
+    column_norm: Float[Array, " p"]
+    weakest_direction: Float[Array, " p"]
+    weakest_change: Float[Array, ""]
     rms: Float[Array, ""]
     largest: Float[Array, ""]
     residuals: Float[Array, "turbidity sun"]
@@ -99,8 +112,8 @@ def fit_zenith_chromaticity(
         turbidity, solar_zenith_angle, chromaticity, "chromaticity", weighting, 3, 4
     )
     fit = _fit(zenith_chromaticity_basis(*jnp.meshgrid(T, s, indexing="ij")), data, weighting)
-    fit["coefficients"] = fit["coefficients"].reshape(3, 4)
-    fit["standard_error"] = fit["standard_error"].reshape(3, 4)
+    for name in ("coefficients", "standard_error", "robust_standard_error"):
+        fit[name] = fit[name].reshape(3, 4)
     return ZenithFit(**fit, weighting=weighting)
 
 
@@ -132,7 +145,10 @@ def _checked(
 def _fit(
     basis: Float[Array, "turbidity sun p"], values: Float[Array, "turbidity sun"], weighting: str
 ) -> dict[str, Array]:
-    """Linear least squares by QR of the weighted and scaled design matrix."""
+    """Linear least squares by QR of the weighted and scaled design matrix.
+
+    HC3: MacKinnon and White (1985), J. Econometrics 29, 305.
+    """
     weight = 1 / values if weighting == "relative" else jnp.ones_like(values)
     if weighting == "absolute":
         weight = weight / jnp.sqrt(jnp.mean(values**2))
@@ -146,12 +162,19 @@ def _fit(
     inverse = jax.scipy.linalg.solve_triangular(r, jnp.eye(size, dtype=r.dtype)) / length[:, None]
     variance = jnp.sum(residuals**2) / max(target.size - size, 1)
     covariance = variance * (inverse @ inverse.T)
-    stretch = jnp.linalg.svd(r, compute_uv=False)
+    # A datum that its coefficients can always meet has leverage 1 and no residual.
+    rest = jnp.maximum(1 - jnp.sum(q**2, axis=1), float(jnp.finfo(q.dtype).eps) ** 0.5)
+    spread = (residuals / rest)[:, None] * (q @ inverse.T)
+    _, stretch, axes = jnp.linalg.svd(r)
     return {
         "coefficients": scaled / length,
         "standard_error": jnp.sqrt(jnp.diagonal(covariance)),
+        "robust_standard_error": jnp.sqrt(jnp.sum(spread**2, axis=0)),
         "covariance": covariance,
         "condition_number": stretch[0] / stretch[-1],
+        "column_norm": length / np.sqrt(target.size),
+        "weakest_direction": pointing_up(axes[-1]),
+        "weakest_change": stretch[-1],
         "rms": jnp.sqrt(jnp.mean(residuals**2)),
         "largest": jnp.max(jnp.abs(residuals)),
         "residuals": residuals.reshape(values.shape),

@@ -4,12 +4,33 @@ import jax.numpy as jnp
 import numpy as np
 
 from atmofit.checks import angle_in_range
+from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.typing import Reals, RealsLike, real_array
 
 COSINE_FLOOR = 1e-3  # of the view zenith angle; reached 0.06 degrees above the horizon
 EXPONENT_CAP = 30.0  # the product of two, 1e26, leaves room for derivatives in float32
 
 
+@extremes(
+    Case(
+        "overhead at the sun",
+        {"coefficients": (1, 0, 2, -1, 3), "view_zenith_angle": 0.0, "scattering_angle": 0.0},
+        limit=12.0,
+        slope={"view_zenith_angle": 0.0, "scattering_angle": -4.0},
+    ),
+    Case(
+        "horizon",
+        {"coefficients": (1, -1, 2, -1, 3), "view_zenith_angle": np.pi / 2, "scattering_angle": 0},
+        limit=6.0,
+        slope={"view_zenith_angle": 0.0},
+    ),
+    Case("horizon that overflows", {"coefficients": (1, 9, 1, 1, 1), "view_zenith_angle": 1.57}),
+    Case("sun that overflows", {"coefficients": (1, -1, 1, 99, 1), "scattering_angle": 3.0}),
+    Case("narrow sun", {"coefficients": (1, -1, 1e6, -1e6, 1), "scattering_angle": 0.01}),
+    coefficients=Span((-10, -100, -100, -100, -10), (10, 10, 100, 100, 10)),
+    view_zenith_angle=Domain(0.0, np.pi / 2),
+    scattering_angle=Domain(0.0, np.pi),
+)
 def perez(
     coefficients: RealsLike, view_zenith_angle: RealsLike, scattering_angle: RealsLike
 ) -> Reals:

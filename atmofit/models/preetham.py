@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from atmofit import tables
 from atmofit.checks import angle_in_range, in_range
+from atmofit.extremes import Case, Domain, extremes
 from atmofit.geometry import HORIZON, DirectionGrid, Directions, scattering_angle
 from atmofit.models.perez import perez_formula
 from atmofit.typing import Reals, RealsLike, Scalar
@@ -202,3 +203,22 @@ def _published() -> PreethamModel:
 
 
 PREETHAM_1999 = _published()
+
+extremes(
+    Case("at the sun", {"view_zenith_angle": 0.7, "solar_zenith_angle": 0.7, "azimuth": 0.0}),
+    Case("horizon", {"view_zenith_angle": HORIZON, "azimuth": 0.0}),
+    Case("everything overhead", {"view_zenith_angle": 0.0, "solar_zenith_angle": 0.0}),
+    call=lambda turbidity, solar_zenith_angle, view_zenith_angle, azimuth: PREETHAM_1999(
+        turbidity, solar_zenith_angle, Directions(view_zenith_angle[None], azimuth[None])
+    ),
+    turbidity=Domain(1.7, 10.0),
+    solar_zenith_angle=Domain(0.0, HORIZON),
+    view_zenith_angle=Domain(0.0, HORIZON),
+    azimuth=Domain(-np.inf, np.inf),
+)(PreethamModel)
+extremes(
+    part="zenith",
+    call=lambda turbidity, solar_zenith_angle: PREETHAM_1999.zenith(turbidity, solar_zenith_angle),
+    turbidity=Domain(1.7, 10.0),
+    solar_zenith_angle=Domain(0.0, HORIZON),
+)(PreethamModel)

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from atmofit.checks import choice, in_range
-from atmofit.constants import EARTH_RADIUS
+from atmofit.constants import EARTH_RADIUS, MAXIMUM_TURBIDITY, MINIMUM_TURBIDITY
+from atmofit.extremes import Domain, extremes
 from atmofit.optics.gases import Absorber
 from atmofit.optics.haze import Haze
 from atmofit.optics.molecules import Molecules
@@ -30,6 +31,12 @@ class Ground(eqx.Module):
     def checked(self) -> "Ground":
         """Refuse impossible values."""
         return Ground(checked_spectral("albedo", self.albedo, 0.0, 1.0))
+
+
+extremes(
+    call=lambda albedo: Ground(albedo).checked().albedo,
+    albedo=Domain(0.0, 1.0),
+)(Ground)
 
 
 class Atmosphere(eqx.Module):
@@ -188,3 +195,15 @@ def optical_properties(atmosphere: Atmosphere, wavelength_nm: Float[Array, " w"]
 
 def _last_axis(values: Float[Array, " w"], axes_before: int) -> Float[Array, "..."]:
     return values.reshape((1,) * axes_before + values.shape)
+
+
+extremes(
+    part="from_turbidity",
+    call=lambda turbidity, wavelength_nm: (
+        optical_properties(
+            Atmosphere.from_turbidity(turbidity).checked(), wavelength_nm[None]
+        ).scattering
+    ),
+    turbidity=Domain(MINIMUM_TURBIDITY, MAXIMUM_TURBIDITY),
+    wavelength_nm=Domain(380.0, 780.0),
+)(Atmosphere)

@@ -4,7 +4,8 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from atmofit.constants import LARGEST_OPTICAL_DEPTH
-from atmofit.optics.profiles import DensityProfile
+from atmofit.extremes import Case, Domain, Span, extremes
+from atmofit.optics.profiles import DensityProfile, GaussianLayer
 from atmofit.spectrum import Spectrum, at, checked_spectral, spectral
 from atmofit.typing import Scalar
 
@@ -32,3 +33,15 @@ class Absorber(eqx.Module):
     def optical_depth_at(self, wavelength_nm: Float[Array, " w"]) -> Float[Array, " w"]:
         """Vertical optical depth at each wavelength [-]."""
         return at(self.optical_depth, wavelength_nm)
+
+
+extremes(
+    Case("none", {"optical_depth": 0.0}, limit=0.0, slope={"optical_depth": 1.0}),
+    call=lambda optical_depth, wavelength_nm: (
+        Absorber(optical_depth, GaussianLayer(22e3, 5e3))
+        .checked()
+        .optical_depth_at(wavelength_nm[None])
+    ),
+    optical_depth=Domain(0.0, LARGEST_OPTICAL_DEPTH),
+    wavelength_nm=Span(200.0, 3000.0),
+)(Absorber)

@@ -16,6 +16,7 @@ from atmofit.constants import (
     REFERENCE_WAVELENGTH_NM,
     SMALLEST_SCALE_HEIGHT,
 )
+from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.optics.phase import HenyeyGreenstein, PhaseFunction, TabulatedPhase
 from atmofit.optics.profiles import DensityProfile, Exponential
 from atmofit.spectrum import Spectrum, all_smooth, at, checked_spectral, spectral
@@ -119,6 +120,34 @@ class Haze(eqx.Module):
         )
 
 
+extremes(
+    Case("none", {"optical_depth": 0.0}, limit=0.0),
+    Case("at 550 nm", {"optical_depth": 0.3, "wavelength_nm": 550.0}, 0.3, {"optical_depth": 1.0}),
+    call=lambda optical_depth, angstrom_exponent, wavelength_nm: (
+        Haze(optical_depth, angstrom_exponent).checked().optical_depth_at(wavelength_nm[None])
+    ),
+    optical_depth=Domain(0.0, LARGEST_OPTICAL_DEPTH),
+    angstrom_exponent=Domain(-5.0, 5.0),
+    wavelength_nm=Span(200.0, 3000.0),
+)(Haze)
+extremes(
+    part="parameters",
+    call=lambda scale_height, single_scattering_albedo: Haze(
+        0.1, 1.3, scale_height, single_scattering_albedo
+    ).checked(),
+    scale_height=Domain(SMALLEST_SCALE_HEIGHT, LARGEST_SCALE_HEIGHT),
+    single_scattering_albedo=Domain(0.0, 1.0),
+)(Haze)
+extremes(
+    part="from_turbidity",
+    call=lambda turbidity, wavelength_nm: (
+        Haze.from_turbidity(turbidity).checked().optical_depth_at(wavelength_nm[None])
+    ),
+    turbidity=Domain(MINIMUM_TURBIDITY, MAXIMUM_TURBIDITY),
+    wavelength_nm=Domain(380.0, 780.0),
+)(Haze)
+
+
 def _checked_efficiency(efficiency: Spectrum | None) -> Spectrum | None:
     if efficiency is None:
         return None
@@ -134,3 +163,11 @@ def bullrich_phase() -> TabulatedPhase:
         np.concatenate([table.eta[:1], table.eta]),
         table.wavelength_nm,
     )
+
+
+extremes(
+    Case("below the first angle", {"angle": 1e-3}),
+    call=lambda angle, wavelength_nm: bullrich_phase()(angle, wavelength_nm),
+    angle=Domain(0.0, math.pi),
+    wavelength_nm=Span(200.0, 3000.0),
+)(bullrich_phase)

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 
 from atmofit.checks import in_range
 from atmofit.constants import LARGEST_OPTICAL_DEPTH, LARGEST_SCALE_HEIGHT, SMALLEST_SCALE_HEIGHT
+from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.optics.profiles import DensityProfile, Exponential
 from atmofit.spectrum import Spectrum, all_smooth, at, checked_spectral, spectral
 from atmofit.tables import constant
@@ -88,3 +89,24 @@ class Molecules(eqx.Module):
     def is_smooth(self) -> bool:
         """Whether the spectra promise that radiance may be interpolated between wavelengths."""
         return all_smooth(self.optical_depth)
+
+
+extremes(
+    Case("vacuum", {"refractive_index": 1.0}, limit=0.0, slope={"refractive_index": 0.0}),
+    call=lambda scale_height, refractive_index, wavelength_nm: (
+        Molecules(scale_height=scale_height, refractive_index=refractive_index)
+        .checked()
+        .optical_depth_at(wavelength_nm[None])
+    ),
+    scale_height=Domain(SMALLEST_SCALE_HEIGHT, LARGEST_SCALE_HEIGHT),
+    refractive_index=Domain(1.0, 1.01),
+    wavelength_nm=Span(200.0, 3000.0),
+)(Molecules)
+extremes(
+    Case("none", {"optical_depth": 0.0}, limit=0.0, slope={"optical_depth": 1.0}),
+    part="optical_depth",
+    call=lambda optical_depth: (
+        Molecules(optical_depth).checked().optical_depth_at(optical_depth[None])
+    ),
+    optical_depth=Domain(0.0, LARGEST_OPTICAL_DEPTH),
+)(Molecules)

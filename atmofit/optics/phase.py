@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from atmofit.checks import angle_in_range, in_range, is_traced
+from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.numerics import gauss_nodes, legendre_table, powers
 from atmofit.spectrum import Spectrum, at, checked_spectral, spectral
 from atmofit.typing import Reals, RealsLike, Scalar, real_array
@@ -68,6 +69,14 @@ class Rayleigh(PhaseFunction):
         return jnp.asarray(known, wavelength_nm.dtype)
 
 
+extremes(
+    Case("forward", {"angle": 0.0}, limit=6 / (16 * math.pi), slope={"angle": 0.0}),
+    Case("aside", {"angle": math.pi / 2}, limit=3 / (16 * math.pi)),
+    call=lambda angle: Rayleigh()(angle),
+    angle=Domain(0.0, math.pi),
+)(Rayleigh)
+
+
 class HenyeyGreenstein(PhaseFunction):
     """The one-parameter phase function of Henyey and Greenstein (1941).
 
@@ -95,6 +104,22 @@ class HenyeyGreenstein(PhaseFunction):
         return HenyeyGreenstein(
             checked_spectral("asymmetry", self.asymmetry, -_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY)
         )
+
+
+extremes(
+    Case("isotropic", {"asymmetry": 0.0}, limit=1 / _FOUR_PI),
+    Case("forward", {"asymmetry": 0.5, "angle": 0.0}, 6 / _FOUR_PI, {"angle": 0.0}),
+    Case("backward", {"asymmetry": 0.5, "angle": math.pi}, limit=0.75 / 1.5**3 / _FOUR_PI),
+    call=lambda asymmetry, angle: HenyeyGreenstein(asymmetry).checked()(angle),
+    asymmetry=Domain(-_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY),
+    angle=Domain(0.0, math.pi),
+)(HenyeyGreenstein)
+extremes(
+    Case("isotropic", {"asymmetry": 0.0}, limit=(1, 0, 0, 0), slope={"asymmetry": (0, 1, 0, 0)}),
+    part="moments",
+    call=lambda asymmetry: HenyeyGreenstein(asymmetry).checked().moments(4, asymmetry[None]),
+    asymmetry=Domain(-_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY),
+)(HenyeyGreenstein)
 
 
 class CornetteShanks(PhaseFunction):
@@ -125,6 +150,21 @@ class CornetteShanks(PhaseFunction):
         return CornetteShanks(
             checked_spectral("asymmetry", self.asymmetry, -_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY)
         )
+
+
+extremes(
+    Case("Rayleigh's", {"asymmetry": 0.0, "angle": 0.0}, 6 / (16 * math.pi), {"angle": 0.0}),
+    Case("forward", {"asymmetry": 0.5, "angle": 0.0}, limit=6 * 3 / 2.25 / _FOUR_PI),
+    call=lambda asymmetry, angle: CornetteShanks(asymmetry).checked()(angle),
+    asymmetry=Domain(-_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY),
+    angle=Domain(0.0, math.pi),
+)(CornetteShanks)
+extremes(
+    Case("Rayleigh's", {"asymmetry": 0.0}, limit=(1, 0, 0.1, 0), size=1.0),
+    part="moments",
+    call=lambda asymmetry: CornetteShanks(asymmetry).checked().moments(4, asymmetry[None]),
+    asymmetry=Domain(-_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY),
+)(CornetteShanks)
 
 
 class TabulatedPhase(PhaseFunction):
@@ -207,6 +247,16 @@ class TabulatedPhase(PhaseFunction):
         slope_weight = width * (t * (1 - t) ** 2 * left - t**2 * (1 - t) * right)
         value_weight = (1 + 2 * t) * (1 - t) ** 2 * left + t**2 * (3 - 2 * t) * right
         return value_weight + slope_weight @ _slope_matrix(knots)
+
+
+extremes(
+    Case("constant", {"values": (7.0,) * 4}, limit=1 / _FOUR_PI),
+    Case("at a knot", {"angle": 1.0}),
+    Case("last knot", {"angle": math.pi}),
+    call=lambda values, angle: TabulatedPhase((0.0, 0.1, 1.0, math.pi), values)(angle),
+    values=Span((1e-12,) * 4, (1e12, 1.0, 1.0, 1.0)),
+    angle=Domain(0.0, math.pi),
+)(TabulatedPhase)
 
 
 def _slope_matrix(x: Float[Array, " knot"]) -> Float[Array, "knot knot"]:

@@ -6,6 +6,7 @@ times the vertical optical depth is an optical depth.
 
 import abc
 import math
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,11 +17,27 @@ from jaxtyping import Array, Float
 
 from atmofit.checks import in_range, is_traced
 from atmofit.constants import LARGEST_SCALE_HEIGHT, SMALLEST_SCALE_HEIGHT
+from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.numerics import chapman_factors, gauss_nodes, safe_divide, safe_sqrt
 from atmofit.typing import Reals, Scalar, real_array, scalar
 
 _TOP_IN_SCALE_HEIGHTS = 14.0  # exp(-14) = 8e-7 of an exponential column lies above
 _PANEL_NODES = 4
+
+
+_HEIGHTS = Domain(SMALLEST_SCALE_HEIGHT, LARGEST_SCALE_HEIGHT)
+_WHERE: dict[str, Any] = {"altitude": Span(0.0, 1e6), "cosine": Span(0.0, 1.0)}
+
+
+def _everything(profile: "DensityProfile", altitude: Reals, cosine: Reals) -> tuple[Reals, ...]:
+    """Density, and the columns along three rays: what the stability table looks at."""
+    profile, radius = profile.checked(), 6371e3
+    return (
+        profile.density(altitude),
+        profile.vertical_column(altitude),
+        profile.level_column(altitude, radius),
+        profile.rising_column(altitude, cosine, radius),
+    )
 
 
 class DensityProfile(eqx.Module):
@@ -115,6 +132,18 @@ class Exponential(DensityProfile):
         return jnp.exp(-altitude / h) * level
 
 
+extremes(
+    Case("overhead", {"altitude": 0.0, "cosine": 1.0, "scale_height": 1.0}),
+    Case("far above", {"altitude": 1e6, "scale_height": 1.0}, limit=0.0),
+    Case("grazing", {"altitude": 0.0, "cosine": 1e-6}),
+    call=lambda scale_height, altitude, cosine: _everything(
+        Exponential(scale_height), altitude, cosine
+    ),
+    scale_height=_HEIGHTS,
+    **_WHERE,
+)(Exponential)
+
+
 class LayeredProfile(DensityProfile):
     """A profile without closed form: columns by quadrature between its own altitudes."""
 
@@ -129,8 +158,8 @@ class LayeredProfile(DensityProfile):
 
         def along(level: Scalar) -> Reals:
             rise = jnp.maximum(level - altitude, 0.0)
-            return rise * safe_divide(
-                2 * (radius + altitude) + rise,
+            return safe_divide(
+                rise * (2 * (radius + altitude) + rise),
                 start + safe_sqrt(start**2 + rise * (2 * (radius + altitude) + rise)),
             )
 
@@ -196,6 +225,20 @@ class GaussianLayer(LayeredProfile):
         return 0.5 + 0.5 * erf(self.centre / self.width * 0.7071067811865476)
 
 
+extremes(
+    Case("at the ground", {"centre": 0.0, "width": 1e3, "altitude": 0.0}),
+    Case("thin and high", {"centre": 1e5, "width": 1.0, "altitude": 1e5, "cosine": 0.0}),
+    Case("far above", {"centre": 0.0, "width": 1.0, "altitude": 1e6}, limit=0.0),
+    call=lambda centre, width, altitude, cosine: _everything(
+        GaussianLayer(centre, width), altitude, cosine
+    ),
+    derivative="forward",
+    centre=Domain(0.0, 1e5),
+    width=_HEIGHTS,
+    **_WHERE,
+)(GaussianLayer)
+
+
 class Profile(LayeredProfile):
     """A user's own table, linear between its altitudes and zero outside.
 
@@ -224,8 +267,13 @@ class Profile(LayeredProfile):
                 raise ValueError("relative_density must be above 0 somewhere, got 0 everywhere")
 
     def checked(self) -> "Profile":
-        """The table itself: it was checked when it was made."""
-        return self
+        """Refuse negative densities and altitudes that do not increase, also where traced."""
+        z = in_range("altitude", self.altitude, 0.0, 1e6, "m")
+        increasing = jnp.append(jnp.diff(z) > 0, True)  # known tables were checked when made
+        density = in_range("relative_density", self.relative_density, 0.0, np.inf)
+        # Only the shape counts: in units of the largest, sums cannot overflow.
+        density = density / jax.lax.stop_gradient(density.max())
+        return Profile(jnp.where(increasing, z, jnp.nan) if is_traced(z) else z, density)
 
     @property
     def top(self) -> Scalar:
@@ -269,3 +317,16 @@ class Profile(LayeredProfile):
         """Column of each panel, in the units of the table."""
         middle = (self.relative_density[1:] + self.relative_density[:-1]) / 2
         return middle * jnp.diff(self.altitude)
+
+
+extremes(
+    Case("jump by a million", {"relative_density": (1e-6, 1e-6, 1.0, 0.0)}),
+    Case("at a level", {"altitude": 1e3, "cosine": 0.0}),
+    Case("above", {"altitude": 4e3}, limit=0.0),
+    call=lambda relative_density, altitude, cosine: _everything(
+        Profile((0.0, 1e3, 1001.0, 3e3), relative_density), altitude, cosine
+    ),
+    derivative="forward",
+    relative_density=Domain((1e-6, 0.0, 0.0, 0.0), (np.inf,) * 4),
+    **_WHERE,
+)(Profile)

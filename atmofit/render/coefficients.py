@@ -7,7 +7,15 @@ import numpy as np
 
 from atmofit.fit.parameters import NAMES
 from atmofit.fit.refit import RefitResult
-from atmofit.models.preetham import PREETHAM_1999, PreethamModel
+from atmofit.fit.verdict import (
+    CHROMATICITY_CELLS,
+    DISTRIBUTIONS,
+    LUMINANCE_CELLS,
+    PARTS,
+    distribution,
+    zenith,
+)
+from atmofit.models.preetham import PREETHAM_1999
 from atmofit.render.image import new_figure
 
 if TYPE_CHECKING:
@@ -15,23 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PUBLISHED, REGENERATED = "#c05020", "#1f5fa8"  # differ in lightness too
-DISTRIBUTIONS = {"Y": "luminance_distribution", "x": "x_distribution", "y": "y_distribution"}
-ZENITHS = {"Y": "zenith_luminance", "x": "zenith_x", "y": "zenith_y"}
-PARTS = ("slope", "intercept")
-LUMINANCE_CELLS = ("a", "b", "c", "d")
-CHROMATICITY_CELLS = tuple(
-    f"{T}{s}".strip() or "1" for T in ("T²", "T", "") for s in ("s³", "s²", "s", "")
-)
-
-
-def distribution(model: PreethamModel, quantity: str) -> np.ndarray:
-    """Perez coefficients of one of Y, x and y, [A..E, (slope, intercept)]."""
-    return np.asarray(getattr(model, DISTRIBUTIONS[quantity]))
-
-
-def zenith(model: PreethamModel, quantity: str) -> np.ndarray:
-    """Zenith coefficients of one of Y [kcd m^-2], x and y, as a list of 4 or 12."""
-    return np.asarray(getattr(model, ZENITHS[quantity])).ravel()
 
 
 def draw_matrices(result: RefitResult) -> "Figure":

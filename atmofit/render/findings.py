@@ -1,64 +1,15 @@
-"""What a refit shows, as numbers and plain sentences."""
-
-import dataclasses
+"""What a refit shows, as plain sentences whose words follow its numbers."""
 
 import numpy as np
 
 from atmofit.fit.comparison import Comparison
 from atmofit.fit.refit import RefitResult
 from atmofit.fit.skies import RefitSettings
-from atmofit.models.preetham import PREETHAM_1999
-from atmofit.render.coefficients import DISTRIBUTIONS, distribution, zenith
+from atmofit.fit.verdict import CLOSE, DISTRIBUTIONS, scores_of
 
 LUMINANCE_CLOSE = 0.1  # relative; within it a luminance is said to reproduce
 CHROMATICITY_CLOSE = 0.005
 HIGH_SUN_DEG = 50.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Agreement:
-    """How many published coefficients come back.
-
-    Attributes:
-        count: Of coefficients.
-        within_errors: How many published ones lie within two standard errors.
-        within_tenth: How many differ by a tenth of the regenerated one or less.
-    """
-
-    count: int
-    within_errors: int
-    within_tenth: int
-
-
-def agreement(result: RefitResult, *, of_zenith: bool) -> Agreement:
-    """Published against regenerated coefficients, of the distributions or of the zenith."""
-    fits, part = (result.zeniths, zenith) if of_zenith else (result.distributions, distribution)
-    rows = [
-        (
-            np.ravel(part(PREETHAM_1999, q)),
-            np.ravel(part(result.model, q)),
-            np.ravel(fits[q].standard_error),
-        )
-        for q in DISTRIBUTIONS
-    ]
-    published, regenerated, error = (np.concatenate(column) for column in zip(*rows, strict=True))
-    difference = np.abs(published - regenerated)
-    return Agreement(
-        count=difference.size,
-        within_errors=int((difference <= 2 * error).sum()),
-        within_tenth=int((difference <= 0.1 * np.abs(regenerated)).sum()),
-    )
-
-
-def pattern_rms(comparison: Comparison) -> float:
-    """Root mean square over all skies of a model's pattern in Y, each sky's mean ratio divided out.
-
-    That is the standard deviation of model / simulation over the dome, relative to its mean.
-    """
-    mean, rms = comparison.luminance_ratio, comparison.luminance_rms
-    spread = np.sqrt(np.maximum(rms**2 - (mean - 1) ** 2, 0.0)) / np.abs(mean)
-    valid = spread[np.isfinite(spread)]
-    return float(np.sqrt(np.mean(valid**2))) if valid.size else float("nan")
 
 
 def findings(result: RefitResult) -> list[str]:
@@ -95,7 +46,7 @@ def _convergence(result: RefitResult) -> str:
 def _luminance(c: Comparison, settings: RefitSettings) -> str:
     mean = c.summary()["luminance_ratio"]
     return (
-        f"Luminance, {_verdict(_close_to_one(c.luminance_ratio))}: over the dome the {c.name} "
+        f"Luminance, {verdict(_close_to_one(c.luminance_ratio))}: over the dome the {c.name} "
         f"model is on average {mean:.2f} times the simulation "
         f"({_extremes(c.luminance_ratio, settings)})."
     )
@@ -114,15 +65,15 @@ def _zenith_factor(c: Comparison, settings: RefitSettings) -> str:
         if np.isfinite(values).any():
             parts.append(f"{np.nanmean(values):.2f} for {name}")
     return (
-        f"Zenith luminance, {_verdict(_close_to_one(ratio))}: the {c.name} zenith is "
+        f"Zenith luminance, {verdict(_close_to_one(ratio))}: the {c.name} zenith is "
         f"on average {mean:.2f} times the simulated one ({'; '.join(parts)})."
     )
 
 
 def _pattern(published: Comparison, regenerated: Comparison) -> str:
-    first, second = pattern_rms(published), pattern_rms(regenerated)
+    first, second = (one.summary()["luminance_pattern_rms"] for one in (published, regenerated))
     return (
-        f"Pattern of luminance over the dome, {_verdict(first <= LUMINANCE_CLOSE)}: with each "
+        f"Pattern of luminance over the dome, {verdict(first <= LUMINANCE_CLOSE)}: with each "
         f"sky's mean ratio divided out, the {published.name} model still differs from the "
         f"simulation by {100 * first:.0f} % rms, the {regenerated.name} one by "
         f"{100 * second:.0f} %."
@@ -133,25 +84,44 @@ def _chromaticity(c: Comparison) -> str:
     s = c.summary()
     close = max(s["x_rms"], s["y_rms"]) <= CHROMATICITY_CLOSE
     return (
-        f"Chromaticity, {_verdict(close)}: {c.name} minus simulated is {s['x_mean']:+.4f} in x "
-        f"and {s['y_mean']:+.4f} in y on average (rms {s['x_rms']:.4f} and {s['y_rms']:.4f})."
+        f"Chromaticity, {verdict(close)}: {c.name} minus simulated is {s['x_mean']:+.4f} in x "
+        f"and {s['y_mean']:+.4f} in y on average over the dome (rms {s['x_rms']:.4f} and "
+        f"{s['y_rms']:.4f}), and {s['zenith_x_difference']:+.4f} and "
+        f"{s['zenith_y_difference']:+.4f} at the zenith."
     )
 
 
 def _coefficients(result: RefitResult) -> str:
-    joint, at_zenith = (agreement(result, of_zenith=z) for z in (False, True))
+    scores = scores_of(result)
+    dome, at_zenith = (
+        scores.of_group(*(f"{prefix}{q}" for q in DISTRIBUTIONS)).summary()
+        for prefix in ("", "zenith ")
+    )
+    every = scores.summary()
+    loose = scores.of_group("zenith x", "zenith y").summary()
+    offset = result.comparisons[0].summary()
+    wide = (
+        f" A coefficient within its errors need not agree: {loose['within_two_robust']} of the "
+        f"{loose['count']} zenith coefficients of x and y are within theirs, and yet what they "
+        f"give together is off by {offset['zenith_x_difference']:+.3f} and "
+        f"{offset['zenith_y_difference']:+.3f}."
+        if loose["within_two_robust"] > loose["count"] / 2
+        and max(abs(offset[f"zenith_{q}_difference"]) for q in "xy") > CHROMATICITY_CLOSE
+        else ""
+    )
     stretch = ", ".join(
         f"{q} {float(result.distributions[q].condition_number):.0f}" for q in DISTRIBUTIONS
     )
     worst = max(float(fit.condition_number) for fit in result.zeniths.values())
-    everything = joint.within_errors == joint.count and at_zenith.within_errors == at_zenith.count
     return (
-        f"Coefficients, {_verdict(everything)} one by one: of {joint.count} distribution "
-        f"coefficients {joint.within_errors} published ones lie within two standard errors of the "
-        f"regenerated and {joint.within_tenth} within 10 %; of {at_zenith.count} zenith "
-        f"coefficients {at_zenith.within_errors} and {at_zenith.within_tenth}. Condition numbers "
-        f"of the joint fits are {stretch}, of the zenith fits up to {worst:.0f}: compare "
-        f"predictions rather than coefficients."
+        f"Coefficients, {verdict(every['within_two_robust'] == every['count'])} one by one: of "
+        f"{dome['count']} distribution coefficients {dome['within_two_robust']} published ones "
+        f"lie within {CLOSE:g} robust standard errors of the regenerated ({dome['within_two']} if "
+        f"residuals are taken as independent); of {at_zenith['count']} zenith coefficients "
+        f"{at_zenith['within_two_robust']} ({at_zenith['within_two']}). The median |z| of all is "
+        f"{every['median_robust_z']:.1f} ({every['median_z']:.1f}). Condition numbers of the joint "
+        f"fits are {stretch}, of the zenith fits up to {worst:.0f}: compare predictions rather "
+        f"than coefficients.{wide}"
     )
 
 
@@ -176,7 +146,8 @@ def _close_to_one(ratio: np.ndarray) -> bool:
     return float(np.sqrt(np.nanmean((ratio - 1) ** 2))) <= LUMINANCE_CLOSE
 
 
-def _verdict(good: bool) -> str:
+def verdict(good: bool) -> str:
+    """One of two words."""
     return "reproduced" if good else "not reproduced"
 
 

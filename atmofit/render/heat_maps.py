@@ -15,35 +15,49 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Field, title, kind of colours, factor on the numbers printed, and their format.
-_ROWS = (
+Row = tuple[str, str, str, float, str]
+RATIOS: tuple[Row, ...] = (
     ("luminance_ratio", "mean of model Y / simulated Y", "ratio", 1.0, ".2f"),
+    ("zenith_luminance_ratio", "zenith: model Y / simulated Y", "ratio", 1.0, ".2f"),
+    ("x_ratio", "mean of model x / simulated x", "ratio", 1.0, ".3f"),
+    ("zenith_x_ratio", "zenith: model x / simulated x", "ratio", 1.0, ".3f"),
+    ("y_ratio", "mean of model y / simulated y", "ratio", 1.0, ".3f"),
+    ("zenith_y_ratio", "zenith: model y / simulated y", "ratio", 1.0, ".3f"),
+)
+ERRORS: tuple[Row, ...] = (
     ("luminance_rms", "rms of model Y / simulated Y − 1 [%]", "size", 100.0, ".0f"),
+    ("luminance_pattern_rms", "the same, mean ratio divided out [%]", "size", 100.0, ".0f"),
     ("x_mean", "mean of model x − simulated x [10⁻³]", "difference", 1e3, ".0f"),
+    ("zenith_x_difference", "zenith: model x − simulated x [10⁻³]", "difference", 1e3, ".0f"),
     ("x_rms", "rms of model x − simulated x [10⁻³]", "size", 1e3, ".0f"),
     ("y_mean", "mean of model y − simulated y [10⁻³]", "difference", 1e3, ".0f"),
+    ("zenith_y_difference", "zenith: model y − simulated y [10⁻³]", "difference", 1e3, ".0f"),
     ("y_rms", "rms of model y − simulated y [10⁻³]", "size", 1e3, ".0f"),
 )
 
 
-def draw_comparison(comparisons: Sequence[Comparison], settings: RefitSettings) -> "Figure":
+def draw_comparison(
+    comparisons: Sequence[Comparison], settings: RefitSettings, rows: Sequence[Row] = ERRORS
+) -> "Figure":
     """Models against the simulation, turbidity down and sun across, one column a model.
 
     Args:
         comparisons: At least one.
         settings: Whose turbidities and suns are the axes.
+        rows: What is shown: `ERRORS` or `RATIOS`.
     """
     suns, turbidities = len(settings.solar_zenith_angle_deg), len(settings.turbidity)
     width = max(0.5 + 0.37 * suns, 4.2) * len(comparisons) + 0.4
-    figure = new_figure(width, (0.42 + 0.23 * turbidities) * len(_ROWS) + 0.4)
-    axes = figure.subplots(len(_ROWS), len(comparisons), squeeze=False)
+    figure = new_figure(width, (0.42 + 0.23 * turbidities) * len(rows) + 0.4)
+    axes = figure.subplots(len(rows), len(comparisons), squeeze=False)
     order = np.ix_(np.argsort(settings.turbidity), np.argsort(settings.solar_zenith_angle_deg))
-    for i, (field, title, kind, factor, form) in enumerate(_ROWS):
+    for i, (field, title, kind, factor, form) in enumerate(rows):
         tables = [getattr(one, field)[order] for one in comparisons]
         limits = _limits(np.stack(tables), kind)
         for j, table in enumerate(tables):
             _draw_table(axes[i, j], table, kind, limits, _printer(factor, form))
             axes[i, j].set_title(f"{title}: {comparisons[j].name}", loc="left")
-            _label(axes[i, j], settings, bottom=i == len(_ROWS) - 1, left=j == 0)
+            _label(axes[i, j], settings, bottom=i == len(rows) - 1, left=j == 0)
     return figure
 
 

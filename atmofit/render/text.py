@@ -9,8 +9,7 @@ from atmofit.fit.comparison import Comparison
 from atmofit.fit.parameters import NAMES
 from atmofit.fit.refit import RefitResult
 from atmofit.fit.skies import SimulatedSkies
-from atmofit.models.preetham import PREETHAM_1999
-from atmofit.render.coefficients import (
+from atmofit.fit.verdict import (
     CHROMATICITY_CELLS,
     DISTRIBUTIONS,
     LUMINANCE_CELLS,
@@ -18,16 +17,25 @@ from atmofit.render.coefficients import (
     distribution,
     zenith,
 )
+from atmofit.models.preetham import PREETHAM_1999
 
 # Field of a comparison, its name in a table, its format.
 STATISTICS = (
     ("luminance_ratio", "Y, mean of model / simulation", ".3f"),
     ("luminance_rms", "Y, rms of model / simulation - 1", ".3f"),
-    ("zenith_luminance_ratio", "Y at the zenith, model / simulation", ".3f"),
+    ("luminance_log_rms", "Y, rms of log(model / simulation)", ".3f"),
+    ("luminance_pattern_rms", "Y, rms of the pattern, mean left out", ".3f"),
+    ("x_ratio", "x, mean of model / simulation", ".3f"),
     ("x_mean", "x, mean of model - simulation", ".4f"),
     ("x_rms", "x, rms of model - simulation", ".4f"),
+    ("y_ratio", "y, mean of model / simulation", ".3f"),
     ("y_mean", "y, mean of model - simulation", ".4f"),
     ("y_rms", "y, rms of model - simulation", ".4f"),
+    ("zenith_luminance_ratio", "Y at the zenith, model / simulation", ".3f"),
+    ("zenith_x_ratio", "x at the zenith, model / simulation", ".3f"),
+    ("zenith_x_difference", "x at the zenith, model - simulation", ".4f"),
+    ("zenith_y_ratio", "y at the zenith, model / simulation", ".3f"),
+    ("zenith_y_difference", "y at the zenith, model - simulation", ".4f"),
 )
 
 
@@ -119,7 +127,7 @@ def comparison_text(comparison: Comparison, skies: SimulatedSkies) -> str:
     suns = "".join(f"{sun:>8g}" for sun in settings.solar_zenith_angle_deg)
     lines = []
     for field, name, form in STATISTICS:
-        if field == "zenith_luminance_ratio":
+        if field.startswith("zenith"):
             continue
         lines += [name, f"{'T, sun':>8}{suns}"]
         for T, row in zip(settings.turbidity, getattr(comparison, field), strict=True):

@@ -13,7 +13,7 @@ from atmofit.sky.plan import Nodes
 from atmofit.sky.sources import Moments, sun_place
 from atmofit.typing import Reals, Scalar
 
-_PANEL_STEPS = 6  # at least so many steps between two kinks of a tabulated density
+_HALF_PANEL_STEPS = 3  # at least so many from a kink of a tabulated density to midway
 
 
 class LineOfSight(eqx.Module):
@@ -51,22 +51,48 @@ def line_of_sight(
     length = paths.length_up(ground, cosine, medium.top)
     near = paths.length_up(ground, cosine, medium.scale)
     if free_path:
-        density = jnp.stack([profile.density(ground) for profile in medium.profiles])
-        opaque = (density @ medium.extinction).max()  # at the most opaque wavelength
-        near = jnp.where(
-            opaque > 0, jnp.minimum(near, safe_divide(jnp.ones_like(opaque), opaque)), near
-        )
+        near = _within_free_path(medium, near, ground)
     edges = _edges(medium, paths, cosine, length)
-    panels = edges.size - 1
-    each = count if panels == 1 else max(_PANEL_STEPS, 2 * count // panels)
-    u, w = (jnp.asarray(x, dtype)[None, :] for x in gauss_nodes(each))
-    inside, slope = stretched(u, jnp.diff(edges)[:, None], near)
-    distance = (edges[:-1, None] + inside).ravel()
+    if edges.size == 2:
+        u, w = (jnp.asarray(x, dtype) for x in gauss_nodes(count))
+        distance, slope = stretched(u, length, near)
+        weight = slope * w
+    else:
+        middle = (edges[1:] + edges[:-1]) / 2
+        altitude = paths.advance(ground, cosine, sine, middle).altitude
+        fine = _within_free_path(medium, near, altitude) if free_path else near
+        distance, weight = _in_panels(edges, jnp.broadcast_to(fine, middle.shape), count)
     start = jnp.zeros_like(distance)
     across = (start, jnp.full_like(start, cosine), jnp.full_like(start, sine))
     points = paths.advance(*across, distance)
     columns = [paths.column_between(p, *across, points) for p in medium.profiles]
-    return LineOfSight(points, (slope * w).ravel(), jnp.stack(columns, axis=-1))
+    return LineOfSight(points, weight, jnp.stack(columns, axis=-1))
+
+
+def _within_free_path(medium: Medium, near: Scalar, altitude: Reals) -> Reals:
+    """A distance, or the free path at an altitude and the most opaque wavelength if shorter."""
+    density = jnp.stack([profile.density(altitude) for profile in medium.profiles], axis=-1)
+    opaque = (density @ medium.extinction).max(axis=-1)
+    return near / jnp.maximum(near * opaque, 1.0)
+
+
+def _in_panels(
+    edges: Float[Array, " edge"], near: Float[Array, " panel"], count: int
+) -> tuple[Float[Array, " step"], Float[Array, " step"]]:
+    """Steps between kinks, dense at both ends of every panel on its own free path.
+
+    Light may come from either end of an opaque panel: from the near one if the view is the way
+    out, from the far one if the sun's is.
+
+    Returns:
+        Distances and their weights [m].
+    """
+    panels = near.size
+    each = max(_HALF_PANEL_STEPS, 5 * count // (2 * panels))
+    u, w = (jnp.asarray(x, edges.dtype)[None, :] for x in gauss_nodes(each))
+    inside, slope = stretched(u, jnp.diff(edges)[:, None] / 2, near[:, None])
+    distance = jnp.concatenate([edges[:-1, None] + inside, edges[1:, None] - inside], axis=1)
+    return distance.ravel(), jnp.tile(slope * w, (1, 2)).ravel()
 
 
 def _edges(medium: Medium, paths: Paths, cosine: Scalar, length: Scalar) -> Float[Array, " edge"]:
@@ -144,13 +170,14 @@ def second_scattering(
     sun: Scalar,
 ) -> Float[Array, " w"]:
     """Radiance of light scattered twice, over solar irradiance [1/sr]."""
-    steps, modes, suns, waves = sources.shape
+    _, modes, suns, _ = sources.shape
     up, along, aside = local_sun(points, azimuth, sun)
     sine = safe_sqrt(along**2 + aside**2)
     angle = jnp.arctan2(sine, up)
     of_sun = chebyshev_basis(sun_place(angle, moments.sun_limit), suns)
     of_mode = chebyshev_basis(safe_divide(along, sine), modes)
-    weights = of_mode[:, :, None] * of_sun[:, None, :]
-    radiance = weights.reshape(-1) @ sources.reshape(steps * modes * suns, waves)
+    # One after the other: on a CPU five times as fast as with the product of both bases.
+    at_sun = jnp.einsum("qu,qmuw->qmw", of_sun, sources)
+    radiance = jnp.einsum("qm,qmw->w", of_mode, at_sun)
     # Where the sun gives no light, interpolation may leave -1e-6 of what it gives by day.
     return jnp.maximum(radiance, 0.0)

@@ -20,8 +20,9 @@ from atmofit.sky.look import (
     second_sources,
     single_scattering,
 )
+from atmofit.sky.luminance import LuminanceNodes, luminance_nodes
 from atmofit.sky.paths import FlatPaths, Paths, SphericalPaths
-from atmofit.sky.plan import Plan, plan_sky
+from atmofit.sky.plan import ZENITH, Plan, plan_sky
 from atmofit.sky.sources import Moments, single_scattering_moments
 from atmofit.spectrum import Spectrum, at, check_wavelengths
 from atmofit.sun import solar_irradiance_spectrum
@@ -84,9 +85,40 @@ class SkyField(eqx.Module):
             )
         as_list = directions.as_list() if isinstance(directions, DirectionGrid) else directions
         as_list = as_list.checked()
+        if self.plan.zenith_only:
+            view = in_range("view_zenith_angle", as_list.view_zenith_angle, 0.0, ZENITH, "rad")
+            as_list = Directions(view, as_list.relative_azimuth, as_list.rings)
         irradiance = self._irradiance(solar_irradiance)
         values = _radiance(self, sun.astype(self.plan.dtype), _cast(as_list, self.plan.dtype))
         return (values * irradiance[None, :]).reshape(*directions.shape, -1)
+
+    def luminance(
+        self, solar_zenith_angle: RealsLike, directions: Directions | DirectionGrid
+    ) -> Reals:
+        """Luminance of the sky at the ground, under the sun of the atmosphere's preset.
+
+        Args:
+            solar_zenith_angle: 0 to pi/2 [rad], a number.
+            directions: A list or a grid, down to the horizon.
+
+        Returns:
+            Luminance [cd m^-2] in the shape of the directions: what `spectrum_to_XYZ` makes of
+            380 to 780 nm by 10 nm.
+
+        Raises:
+            ValueError: Sun or directions lie outside their range, or the field was not solved
+                for luminance.
+        """
+        if self.plan.quantity != "luminance":
+            raise ValueError(
+                'plan must be made for quantity "luminance" (plan_sky), '
+                f"got {self.plan.quantity!r}; spectrum_to_XYZ takes the radiance to luminance"
+            )
+        nodes = _luminance_nodes(self.plan, self.preset)
+        relative = self.radiance(solar_zenith_angle, directions, 1.0)
+        if nodes.interpolation is not None:
+            relative = _interpolate_log(relative, jnp.asarray(nodes.interpolation, relative.dtype))
+        return relative @ jnp.asarray(nodes.weight, relative.dtype)
 
     def _irradiance(self, given: RealsLike | Spectrum | None) -> Float[Array, " wavelength"]:
         """Solar irradiance at the wavelengths asked for."""
@@ -105,7 +137,7 @@ class SkyField(eqx.Module):
 
 def solve_sky(
     atmosphere: Atmosphere,
-    wavelength_nm: RealsLike,
+    wavelength_nm: RealsLike | None,
     orders: int = 2,
     rtol: float = 1e-2,
     plan: Plan | None = None,
@@ -114,27 +146,34 @@ def solve_sky(
 
     Args:
         atmosphere: What the air is made of.
-        wavelength_nm: Wavelengths [nm], a number or an increasing list, 200 to 3000.
+        wavelength_nm: Wavelengths [nm], a number or an increasing list, 200 to 3000. None with a
+            plan for luminance, which brings its own.
         orders: Scattering orders to sum, 1 or 2. Static.
         rtol: Promised relative error of luminance, 5e-4 to 1. Static.
         plan: From `plan_sky`; replaces `orders` and `rtol`. Static.
 
     Returns:
-        A field whose `radiance` method takes sun and directions.
+        A field whose `radiance` (or `luminance`) method takes sun and directions.
 
     Raises:
         ValueError: An argument lies outside its range.
     """
+    checked = atmosphere.checked()
+    if plan is None:
+        plan = plan_sky(checked, orders=orders, rtol=rtol)
     wavelength = jnp.atleast_1d(
-        in_range("wavelength_nm", wavelength_nm, MINIMUM_WAVELENGTH_NM, MAXIMUM_WAVELENGTH_NM, "nm")
+        in_range(
+            "wavelength_nm",
+            _planned_wavelengths(wavelength_nm, plan, checked.preset),
+            MINIMUM_WAVELENGTH_NM,
+            MAXIMUM_WAVELENGTH_NM,
+            "nm",
+        )
     )
     if wavelength.ndim != 1 or wavelength.size == 0:
         raise ValueError(f"wavelength_nm must be a list, got shape {wavelength.shape}")
     if not is_traced(wavelength):
         check_wavelengths(np.asarray(wavelength))
-    checked = atmosphere.checked()
-    if plan is None:
-        plan = plan_sky(checked, orders=orders, rtol=rtol)
     _check_spectra(checked, wavelength)
     return _solve(_cast(checked, plan.dtype), wavelength.astype(plan.dtype), plan)
 
@@ -155,6 +194,41 @@ def simulate_sky(
     """
     field = solve_sky(atmosphere, wavelength_nm, orders, rtol, plan)
     return field.radiance(solar_zenith_angle, directions, solar_irradiance)
+
+
+def simulate_luminance(
+    atmosphere: Atmosphere,
+    solar_zenith_angle: RealsLike,
+    directions: Directions | DirectionGrid,
+    orders: int = 2,
+    rtol: float = 1e-2,
+    plan: Plan | None = None,
+) -> Reals:
+    """Luminance of the sky [cd m^-2]: `solve_sky` for luminance, then `SkyField.luminance`.
+
+    Chromaticity and spectrum are left out, so that few wavelengths take the place of 41. For
+    several suns over one atmosphere, call `solve_sky` once and vmap `luminance`.
+    """
+    if plan is None:
+        plan = plan_sky(atmosphere, quantity="luminance", orders=orders, rtol=rtol)
+    return solve_sky(atmosphere, None, plan=plan).luminance(solar_zenith_angle, directions)
+
+
+def _planned_wavelengths(given: RealsLike | None, plan: Plan, preset: str) -> RealsLike:
+    """The wavelengths asked for, or those that a plan for luminance brings."""
+    if plan.quantity != "luminance":
+        if given is None:
+            raise ValueError('wavelength_nm may be None only with a plan for quantity "luminance"')
+        return given
+    if given is not None:
+        raise ValueError(
+            'wavelength_nm must be None with a plan for quantity "luminance", which brings its own'
+        )
+    return _luminance_nodes(plan, preset).wavelength_nm
+
+
+def _luminance_nodes(plan: Plan, preset: str) -> LuminanceNodes:
+    return luminance_nodes(plan.luminance_nodes, preset)
 
 
 @eqx.filter_jit
@@ -227,7 +301,8 @@ def _by_ring(
 
 def _computed_wavelengths(wavelength_nm: Float[Array, " w"], plan: Plan) -> Float[Array, " n"]:
     """The wavelengths asked for, or the fewer nodes between which radiance is interpolated."""
-    if plan.all_wavelengths or wavelength_nm.size <= plan.nodes.wavelength:
+    every = plan.all_wavelengths or plan.quantity == "luminance"
+    if every or wavelength_nm.size <= plan.nodes.wavelength:
         return wavelength_nm
     dtype = wavelength_nm.dtype
     short, long = _interval(wavelength_nm)
@@ -253,11 +328,15 @@ def _to_asked_wavelengths(
     low, high = _interval(wavelength_nm)
     place = jnp.clip(2 * (1 / wavelength_nm**2 - low) / (high - low) - 1, -1.0, 1.0)
     transform = jnp.asarray(chebyshev_transform(nodes_nm.size), computed.dtype)
-    matrix = chebyshev_basis(place, nodes_nm.size) @ transform
+    return _interpolate_log(computed, chebyshev_basis(place, nodes_nm.size) @ transform)
+
+
+def _interpolate_log(computed: Reals, matrix: Float[Array, "w n"]) -> Reals:
+    """Radiance [..., n] taken to [..., w] by a matrix that interpolates its logarithm."""
     tiny = jnp.finfo(computed.dtype).tiny
     dark = computed <= tiny  # not NaN, which stays NaN
     log = jnp.log(jnp.where(dark, tiny, computed))
-    return jnp.where(dark.all(1, keepdims=True), 0.0, jnp.exp(log @ matrix.T))
+    return jnp.where(dark.all(-1, keepdims=True), 0.0, jnp.exp(log @ matrix.T))
 
 
 def _paths(atmosphere: Atmosphere) -> tuple[Paths, ...]:

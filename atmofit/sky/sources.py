@@ -19,6 +19,7 @@ from atmofit.numerics import (
     chebyshev_transform,
     gauss_nodes,
     harmonics,
+    safe_divide,
     safe_sqrt,
 )
 from atmofit.optics.atmosphere import Medium
@@ -90,9 +91,12 @@ def single_scattering_moments(medium: Medium, paths: Paths, nodes: Nodes) -> Mom
     to_altitude = jnp.asarray(chebyshev_transform(nodes.altitude), dtype)
     to_sun = jnp.asarray(chebyshev_transform(nodes.sun), dtype)
     brightness = values[:, 0, 0].mean(axis=1)
-    floor = _DARKEST * brightness.max(axis=0, keepdims=True) + jnp.finfo(dtype).tiny
-    brightness = jnp.maximum(brightness, floor)
-    in_sun = jnp.einsum("zmlsw,ks->zmlkw", values / brightness[:, None, None, None, :], to_sun)
+    brightest = brightness.max(axis=0, keepdims=True)
+    brightness = jnp.maximum(brightness, _DARKEST * brightest + jnp.finfo(dtype).tiny)
+    # Without any light, a tiny brightness would make slopes overflow.
+    brightness = jnp.where(brightest == 0, 1.0, brightness)
+    relative = safe_divide(values, brightness[:, None, None, None, :])
+    in_sun = jnp.einsum("zmlsw,ks->zmlkw", relative, to_sun)
     coefficients = jnp.einsum("zmlkw,jz->jmlkw", in_sun, to_altitude)
     logarithm = to_altitude @ jnp.log(brightness)
     return Moments(coefficients, logarithm, top, scale, _SUN_LIMIT[flat])

@@ -123,8 +123,8 @@ def test_bad_sky_spoils_only_itself(noisy):
     suns = jnp.asarray(np.full(180, 0.9))
     values = jnp.asarray(skies)
     measure = weighting.measure(values, "relative", axes=1)
-    settings = (single_sky.DEFAULT_PRIOR, True, single_sky.MAX_STEPS)
-    fit = single_sky._fit_skies(*DOME.angles(), suns, values, measure, *settings)
+    sky = (*DOME.angles(), suns, values, measure, single_sky.DEFAULT_PRIOR, True)
+    fit = single_sky._fit_skies(*single_sky.sky_problem(*sky), single_sky.MAX_STEPS)
     good = np.arange(180) != 77
     for name in ("coefficients", "scale", "standard_error", "rms", "largest"):
         finite = np.isfinite(fit[name]).reshape(180, -1)
@@ -226,6 +226,60 @@ def test_bad_geometry():
     low = Directions(np.linspace(0, 1.7, 9), np.zeros(9))
     with pytest.raises(ValueError, match=r"view_zenith_angle.*got 1\.7"):
         fit_perez(low, 0.5, np.ones(9))
+
+
+def test_weight_zero_leaves_directions_out():
+    """The same as a shorter list of directions, in every result; and weights have no unit."""
+    view, azimuth = (np.asarray(angle) for angle in DOME.angles())
+    kept = view < 1.3
+    table = published("luminance") * np.random.default_rng(8).lognormal(sigma=0.05, size=343)
+    short = fit_distribution(
+        Directions(view[kept], azimuth[kept]), SUNS, TURBIDITIES, table[..., kept]
+    )
+    spoilt = np.where(kept, table, 1e6)
+    weight = np.broadcast_to(3.0 * kept, table.shape)
+    fit = fit_distribution(DOME, SUNS, TURBIDITIES, spoilt, weight=weight)
+    assert fit.converged
+    assert short.converged
+    # Two searches end within the square root of their tolerance, 1e-3 standard errors.
+    errors = np.asarray(short.standard_error)
+    np.testing.assert_allclose(fit.matrix / errors, short.matrix / errors, atol=1e-3)
+    for name in ("standard_error", "robust_standard_error", "rms", "largest", "rms_per_sky"):
+        np.testing.assert_allclose(getattr(fit, name), getattr(short, name), rtol=1e-3)
+
+
+def test_robust_errors_are_those_of_repeated_skies():
+    """Skies that are wrong as a whole: the naive errors are too small, the robust ones hold."""
+    rng = np.random.default_rng(9)
+    view, azimuth = DOME.angles()
+    γ = np.asarray(scattering_angle(view[None, :], azimuth[None, :], SUNS[:, None]))
+    clean = published("luminance")
+    fits = []
+    for _ in range(60):
+        tilt, curve = 0.03 * rng.normal(size=(2, 5, 12, 1))
+        noise = tilt * np.asarray(view) + curve * np.cos(2 * γ)
+        fits.append(fit_distribution(DOME, SUNS, TURBIDITIES, clean * (1 + noise)))
+    spread = np.std([fit.matrix for fit in fits], axis=0)
+    claimed = np.sqrt(np.mean([fit.robust_standard_error**2 for fit in fits], axis=0))
+    naive = np.sqrt(np.mean([fit.standard_error**2 for fit in fits], axis=0))
+    # 60 draws know a spread to 9 %; the sandwich of 60 clusters is some 10 % too small. With more
+    # than 3 % the fit is not linear in the data, and the sandwich is.
+    assert (np.abs(np.log(claimed / spread)) < 0.4).all()
+    assert np.median(spread / naive) > 3
+
+
+def test_bad_weight():
+    table = np.ones((5, 12, 343))
+    with pytest.raises(ValueError, match=r"weight must be at least 0, got -1"):
+        fit_distribution(DOME, SUNS, TURBIDITIES, table, weight=-table)
+    with pytest.raises(ValueError, match=r"weight must be at least 0, got nan"):
+        fit_distribution(DOME, SUNS, TURBIDITIES, table, weight=np.nan * table)
+    with pytest.raises(ValueError, match="weight must not all be 0"):
+        fit_distribution(DOME, SUNS, TURBIDITIES, table, weight=0 * table)
+    with pytest.raises(
+        ValueError, match=r"weight must have the shape.*\(5, 12, 343\), got \(343,\)"
+    ):
+        fit_distribution(DOME, SUNS, TURBIDITIES, table, weight=np.ones(343))
 
 
 def test_bad_table():

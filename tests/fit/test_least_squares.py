@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from atmofit.fit.least_squares import minimise, uncertainty
+from atmofit.fit.least_squares import Paths, derivatives, minimise
+from atmofit.fit.uncertainty import uncertainty
 
 RNG = np.random.default_rng(3)
 DESIGN = RNG.normal(size=(200, 4)) * np.array([1.0, 30.0, 0.01, 1.0])
@@ -16,11 +17,17 @@ def no_prior(p):
     return 0 * p
 
 
+def search(residuals, start, max_steps=100, ridges=(0.0,)):
+    """One search along one path."""
+    start = jnp.asarray(start)
+    paths = Paths(jnp.asarray([ridges]), jnp.zeros((1, start.size)))
+    ends = minimise(lambda _, p: derivatives(residuals, p), start[None, :], paths, max_steps, 1)
+    return jax.tree.map(lambda leaf: leaf[0], ends)
+
+
 def test_valley():
     """Rosenbrock's function: a bent valley."""
-    end = jax.jit(
-        lambda start: minimise(lambda p: jnp.stack([1 - p[0], 10 * (p[1] - p[0] ** 2)]), start, 100)
-    )(jnp.asarray([-1.2, 1.0]))
+    end = search(lambda p: jnp.stack([1 - p[0], 10 * (p[1] - p[0] ** 2)]), [-1.2, 1.0])
     assert end.converged
     np.testing.assert_allclose(end.parameters, [1.0, 1.0], atol=1e-6)
 
@@ -30,31 +37,62 @@ def test_large_residuals_converge_fast():
     x = np.linspace(0, 3, 100)
     data = np.sin(6 * x)
 
-    @jax.jit
-    def run(start):
-        return minimise(lambda p: 0.1 * (p[0] * jnp.exp(-jnp.exp(p[1]) * x) - data), start, 100)
-
-    end = run(jnp.asarray([1.0, 0.0]))
+    end = search(lambda p: 0.1 * (p[0] * jnp.exp(-jnp.exp(p[1]) * x) - data), [1.0, 0.0])
     assert end.converged
     assert int(end.steps) < 40
     a, b = np.asarray(end.parameters)[:, None, None] + 0.01 * RNG.normal(size=(2, 200, 1))
     losses = np.sum((a * np.exp(-np.exp(b) * x) - data) ** 2, axis=1)
-    assert float(end.loss) <= 0.01 * losses.min()
+    assert float(end.loss) <= 0.005 * losses.min()
 
 
 def test_too_few_steps_do_not_count_as_converged():
-    end = minimise(
-        lambda p: jnp.stack([1 - p[0], 10 * (p[1] - p[0] ** 2)]), jnp.asarray([-1.2, 1.0]), 3
-    )
+    end = search(lambda p: jnp.stack([1 - p[0], 10 * (p[1] - p[0] ** 2)]), [-1.2, 1.0], 3)
     assert not end.converged
     assert float(end.decrement) > 1e-3
 
 
 def test_linear_problem_is_solved():
-    end = minimise(lambda p: jnp.asarray(DESIGN) @ p - TARGET, jnp.ones(4), 100)
+    end = search(lambda p: jnp.asarray(DESIGN) @ p - TARGET, np.ones(4))
     solution, _, _, _ = np.linalg.lstsq(DESIGN, TARGET)
     assert end.converged
     np.testing.assert_allclose(end.parameters, solution, rtol=1e-6)
+
+
+def test_many_searches_in_few_lanes():
+    """Each ends where it would alone, in its own order, though lanes take what comes next."""
+    target = RNG.normal(size=(37, 2))
+
+    def objective(number, p):
+        far = p - jnp.asarray(target)[number]
+        return derivatives(lambda q: jnp.stack([q[0], 10 * (q[1] - q[0] ** 2)]), far)
+
+    paths = Paths(jnp.asarray([[0.0]]), jnp.zeros((1, 2)))
+    starts = jnp.asarray(target + RNG.normal(size=(37, 2)))
+    ends = jax.jit(lambda starts: minimise(objective, starts, paths, 200, 5))(starts)
+    assert ends.converged.all()
+    np.testing.assert_allclose(ends.parameters, target, atol=1e-5)
+    assert np.unique(ends.steps).size > 3
+
+
+def test_a_strong_ridge_released_finds_the_deeper_minimum():
+    """(q^2 - 1)^2 with a tilt: from the wrong side, only the path by the ridge crosses over."""
+
+    def residuals(p):
+        return jnp.stack([p[0] ** 2 - 1, 0.3 * (p[0] - 1)])
+
+    straight = search(residuals, [-2.0])
+    released = search(residuals, [-2.0], ridges=(3.0, 1.0, 0.0))
+    assert straight.converged
+    assert released.converged
+    assert float(straight.parameters[0]) < 0
+    np.testing.assert_allclose(released.parameters, 1.0, atol=1e-6)
+
+
+def test_bad_start_is_no_number():
+    end = search(lambda p: jnp.log(p), [-1.0])
+    assert not end.converged
+    assert np.isnan(end.parameters).all()
+    assert np.isnan(end.loss)
 
 
 @pytest.mark.parametrize(("dtype", "rtol"), [("float64", 1e-9), ("float32", 1e-4)])

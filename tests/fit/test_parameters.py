@@ -38,10 +38,43 @@ def test_any_free_parameters_are_a_sky():
 
 def test_candidates_differ_and_are_finite():
     table = parameters.candidates()
-    assert table.ndim == 3
-    assert table.shape[-1] == 5
+    assert table.shape == (42, 5)
     assert np.isfinite(table).all()
-    assert np.unique(table.reshape(-1, 5), axis=0).shape[0] == table.shape[0] * table.shape[1]
+    assert np.unique(table, axis=0).shape == table.shape
+
+
+def test_random_starts_lie_in_the_box_and_come_again():
+    starts = parameters.random_starts(500, 2, seed=3)
+    np.testing.assert_array_equal(starts, parameters.random_starts(500, 2, seed=3))
+    assert (starts != parameters.random_starts(500, 2, seed=4)).any()
+    assert (starts[:, 0] != starts[:, 1]).any()
+    drawn = np.asarray(parameters.to_coefficients(jnp.asarray(starts)))
+    low, high = np.array(parameters.LOWEST_START), np.array(parameters.HIGHEST_START)
+    inside = (drawn > low - 1e-9) & (drawn < high + 1e-9)
+    dark = np.isclose(starts[..., 0], np.log(parameters.DARKEST_START))
+    assert inside[..., 1:].all()
+    assert inside[~dark].all()  # a dark start keeps B and gets another A
+    assert 0 < dark.mean() < 0.02
+    spread = drawn[..., 1:].reshape(-1, 4)
+    expected = (low + high)[1:] / 2
+    np.testing.assert_allclose(spread.mean(axis=0), expected, atol=0.05 * (high - low)[1:].max())
+
+
+def test_prior_is_a_ridge_in_its_widths():
+    prior = PerezPrior(strength=0.1)
+    free = jnp.asarray(np.random.default_rng(7).normal(size=(3, 5)))
+    np.testing.assert_allclose(prior.residuals(free), 0.1 * np.asarray(prior.place(free)))
+    np.testing.assert_allclose(prior.free(prior.place(free)), free, rtol=1e-12)
+
+
+@pytest.mark.parametrize("ends", [1, 2])
+def test_paths_end_with_the_prior(ends):
+    prior = PerezPrior(strength=0.02)
+    paths = parameters.paths(prior, ends, jnp.dtype("float64"))
+    assert paths.pulls.shape == (4, 5 * ends)
+    np.testing.assert_allclose(paths.ridges[:, -1], 0.02)
+    np.testing.assert_allclose(paths.ridges[0], 0.02)
+    np.testing.assert_allclose(paths.ridges[1:], [[0.1, 0.02, 0.02]] * 3)
 
 
 def test_prior():

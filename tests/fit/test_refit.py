@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import stat
 
 import numpy as np
 import pytest
@@ -12,16 +11,19 @@ from atmofit.fit.comparison import predict
 from atmofit.fit.skies import QUANTITIES
 from atmofit.io import (
     coefficients_to_dict,
-    output_folder,
     read_settings,
-    replace_file,
     write_coefficients,
     write_dataset,
 )
 
 SETTINGS = af.RefitSettings(
-    turbidity=(2.0, 4.0, 6.0), solar_zenith_angle_deg=(0.0, 30.0, 60.0, 80.0), rtol=5e-2
+    turbidity=(2.0, 4.0, 6.0), solar_zenith_angle_deg=(0.0, 30.0, 60.0, 80.0), rtol=5e-2, starts=4
 )
+
+
+def same_model(one, other):
+    for field in dataclasses.fields(one):
+        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +38,38 @@ def result(stages):
 
 def test_every_fit_converges_and_every_stage_is_timed(result, stages):
     assert result.converged
-    assert stages == list(result.seconds)
+    pieces = [f"piece {i} of 3" for i in (1, 2, 3)]
+    assert stages == ["simulation", *pieces, *list(result.seconds)[1:]]
     assert all(seconds > 0 for seconds in result.seconds.values())
+
+
+def test_given_skies_are_fitted_without_simulation(result, monkeypatch):
+    monkeypatch.setattr("atmofit.fit.refit.simulate_skies", None)
+    again = af.refit(skies=result.skies)
+    assert "simulation" not in again.seconds
+    same_model(again.model, result.model)
+    np.testing.assert_array_equal(again.skies.xyY, result.skies.xyY)
+
+
+def test_settings_of_the_fits_may_differ_from_those_of_the_skies(result):
+    settings = dataclasses.replace(SETTINGS, weighting="log")
+    skies = result.skies.under(settings)
+    assert skies.settings == settings
+    assert skies.xyY is result.skies.xyY
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"turbidity": (2.0, 3.0, 6.0)}, r"turbidity must be that of the given skies, \(2\.0, 4"),
+        ({"settings": af.RefitSettings()}, "must be that of the given skies"),
+        ({"orders": 1}, "orders must be that of the given skies, 2, got 1"),
+        ({"pieces": "folder"}, "pieces must be None where skies are given, got 'folder'"),
+    ],
+)
+def test_what_contradicts_the_given_skies_is_refused(arguments, message, result):
+    with pytest.raises(ValueError, match=message):
+        af.refit(skies=result.skies, **arguments)
 
 
 def test_skies_are_positive_and_have_the_stated_shapes(result):
@@ -74,8 +106,7 @@ def test_coefficients_survive_the_file(result, tmp_path):
     path = write_coefficients(result, tmp_path / "coefficients.json")
     model, settings = af.read_coefficients(path), read_settings(path)
     assert settings == SETTINGS
-    for field in dataclasses.fields(model):
-        np.testing.assert_array_equal(getattr(model, field.name), getattr(result.model, field.name))
+    same_model(model, result.model)
     stored = json.loads(path.read_text())
     for quantity in QUANTITIES:
         for row in stored["distribution"][quantity].values():
@@ -136,32 +167,3 @@ def test_file_that_is_not_coefficients_is_refused(text, tmp_path):
 def test_missing_file_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"file must exist, got .*nothing\.json"):
         af.read_coefficients(tmp_path / "nothing.json")
-
-
-def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
-    path = tmp_path / "result.txt"
-    path.write_text("old")
-
-    def fail(temporary):
-        temporary.write_text("half")
-        raise OSError("disk full")
-
-    with pytest.raises(OSError, match="disk full"):
-        replace_file(path, fail)
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_written_file_is_readable_by_others(tmp_path):
-    def write(temporary):
-        temporary.write_text("new")
-
-    path = replace_file(tmp_path / "result.txt", write)
-    assert stat.S_IMODE(path.stat().st_mode) == 0o644
-
-
-def test_folder_that_is_a_file_is_refused(tmp_path):
-    path = tmp_path / "file"
-    path.write_text("")
-    with pytest.raises(ValueError, match="out must be a folder that can be written"):
-        output_folder(path)

@@ -36,6 +36,21 @@ def test_standard_errors_are_those_of_repeated_noise():
     assert np.mean([fit.rms for fit in fits]) == pytest.approx(0.01, rel=0.05)
 
 
+def test_robust_errors_hold_where_the_noise_is_uneven():
+    noise = 0.003 + 0.05 * (np.abs(SUNS - SUNS.mean()) / np.ptp(SUNS)) ** 2  # worse at both ends
+    fits = [
+        fit_zenith_luminance(
+            TURBIDITIES, SUNS, PUBLISHED[..., 2] * (1 + noise * RNG.normal(size=T.shape))
+        )
+        for _ in range(400)
+    ]
+    spread = np.std([fit.coefficients for fit in fits], axis=0)
+    claimed = np.mean([fit.robust_standard_error for fit in fits], axis=0)
+    np.testing.assert_allclose(claimed, spread, rtol=0.15)  # 400 draws: 3.5 %; HC3 is 5 % large
+    naive = np.mean([fit.standard_error for fit in fits], axis=0)
+    assert np.abs(np.log(naive / spread)).max() > 0.3
+
+
 def test_condition_number_and_residuals():
     noisy = PUBLISHED[..., 0] * (1 + 0.01 * RNG.normal(size=T.shape))
     fit = fit_zenith_chromaticity(TURBIDITIES, SUNS, noisy, weighting="absolute")

@@ -44,6 +44,7 @@ def _distribution(matrix):
     return DistributionFit(
         matrix=jnp.asarray(matrix),
         standard_error=0.0123 * jnp.abs(jnp.asarray(matrix)),
+        robust_standard_error=0.0456 * jnp.abs(jnp.asarray(matrix)),
         covariance=jnp.eye(10),
         condition_number=jnp.asarray(321.0),
         rms=jnp.asarray(0.0456),
@@ -74,8 +75,12 @@ def _zenith(coefficients):
     return ZenithFit(
         coefficients=jnp.asarray(coefficients),
         standard_error=jnp.full(np.shape(coefficients), 0.00314),
+        robust_standard_error=jnp.full(np.shape(coefficients), 0.00628),
         covariance=jnp.eye(size),
         condition_number=jnp.asarray(12.0),
+        column_norm=jnp.ones(size),
+        weakest_direction=jnp.full(size, size**-0.5),
+        weakest_change=jnp.asarray(0.1),
         rms=jnp.asarray(0.02),
         largest=jnp.asarray(0.05),
         residuals=jnp.zeros((len(TURBIDITY), len(SUNS_DEG))),
@@ -102,5 +107,6 @@ def fake_result(converged=True):
         dict(zip(QUANTITIES, map(_zenith, zeniths), strict=True)),
         {q: _single(converged) for q in QUANTITIES},
         (compare(PREETHAM_1999, skies, "published"), compare(model, skies, "regenerated")),
+        {},
         {"simulation": 1.25, "joint fits": 2.5},
     )

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from render.fake_refit import SUNS_DEG, TURBIDITY, fake_result
 
-from atmofit.render.findings import agreement, findings, pattern_rms
-from atmofit.render.heat_maps import draw_comparison
+from atmofit.render.heat_maps import ERRORS, RATIOS, draw_comparison
 from atmofit.render.refit_pictures import draw_residuals, draw_skies, draw_zenith, exposure, nearest
 from atmofit.render.text import STATISTICS
 
@@ -20,12 +19,14 @@ def test_nearest_takes_each_value_once_in_order():
     assert nearest((4.0, 2.0, 3.0), (2.0, 2.1, 4.0, 9.0)) == [1, 0]
 
 
-def test_heat_maps_print_every_number_and_a_dash_where_not_valid():
+@pytest.mark.parametrize("rows", [RATIOS, ERRORS], ids=["ratios", "errors"])
+def test_heat_maps_print_every_number_and_a_dash_where_not_valid(rows):
     result = fake_result()
-    words = texts(draw_comparison(result.comparisons, result.skies.settings))
-    assert len(words) == 6 * 2 * len(TURBIDITY) * len(SUNS_DEG)
-    assert words.count("–") == 6 * len(SUNS_DEG)  # published, T 11
-    for value in result.comparisons[1].luminance_ratio.ravel():
+    words = texts(draw_comparison(result.comparisons, result.skies.settings, rows))
+    assert len(words) == len(rows) * 2 * len(TURBIDITY) * len(SUNS_DEG)
+    assert words.count("–") == len(rows) * len(SUNS_DEG)  # published, T 11
+    values = result.comparisons[1].luminance_ratio.ravel() if rows is RATIOS else []
+    for value in values:
         assert f"{value:.2f}" in words
     assert "−0" not in words
 
@@ -55,50 +56,6 @@ def test_skies_state_their_exposure():
     white = exposure(skies.quantity("Y")[[0, 1, 2], 0]) / 1e3
     figure = draw_skies(skies, turbidity=TURBIDITY, solar_zenith_angle_deg=(10.0,))
     assert figure.axes[0].get_title() == f"sun 10°, exposure {white:.2g} kcd m⁻²"
-
-
-def test_findings_tell_the_numbers_of_the_result():
-    result = fake_result()
-    said = " ".join(findings(result))
-    summary = result.comparisons[0].summary()
-    assert "All 39 searches" in said
-    assert f"{summary['luminance_ratio']:.2f} times the simulation" in said
-    assert f"{summary['zenith_luminance_ratio']:.2f} times the simulated one" in said
-    assert f"{summary['x_mean']:+.4f} in x" in said
-    assert f"{summary['y_rms']:.4f})" in said
-    assert f"{100 * pattern_rms(result.comparisons[1]):.0f} %" in said
-    assert "not valid" not in said
-
-
-def test_findings_say_when_fits_did_not_converge_or_a_model_is_not_valid():
-    assert "36 of 39 searches did NOT converge" in findings(fake_result(converged=False))[0]
-    nothing = {
-        field.name: np.full_like(getattr(fake_result().comparisons[0], field.name), np.nan)
-        for field in dataclasses.fields(fake_result().comparisons[0])[1:]
-    }
-    empty = dataclasses.replace(fake_result().comparisons[0], **nothing)
-    result = dataclasses.replace(fake_result(), comparisons=(empty, fake_result().comparisons[1]))
-    assert "not valid at any of these turbidities" in findings(result)[1]
-
-
-def test_pattern_leaves_out_the_mean_ratio():
-    ratios = np.array([1.8, 2.0, 2.2])
-    one = fake_result().comparisons[1]
-    cell = np.ones((1, 1))
-    one = dataclasses.replace(
-        one,
-        luminance_ratio=cell * ratios.mean(),
-        luminance_rms=cell * np.sqrt(np.mean((ratios - 1) ** 2)),
-    )
-    assert pattern_rms(one) == pytest.approx(ratios.std() / 2, rel=1e-12)
-
-
-def test_agreement_counts_coefficients():
-    joint = agreement(fake_result(), of_zenith=False)
-    assert (joint.count, joint.within_tenth) == (30, 30)  # 1 / 0.95 is 5 % off
-    assert joint.within_errors == 0
-    at_zenith = agreement(fake_result(), of_zenith=True)
-    assert (at_zenith.count, at_zenith.within_errors) == (28, 24)
 
 
 def test_every_statistic_of_a_comparison_is_shown():

@@ -1,0 +1,195 @@
+"""The simulator's extremes: skies on few nodes, which are as fragile as accurate ones."""
+
+import dataclasses
+import math
+from typing import Any
+
+from atmofit.constants import (
+    LARGEST_OPTICAL_DEPTH,
+    LARGEST_SCALE_HEIGHT,
+    MAXIMUM_TURBIDITY,
+    MINIMUM_TURBIDITY,
+    SMALLEST_SCALE_HEIGHT,
+)
+from atmofit.extremes import Case, Domain, Span, extremes
+from atmofit.geometry import HORIZON, Directions
+from atmofit.optics.atmosphere import Atmosphere, Ground
+from atmofit.optics.gases import Absorber
+from atmofit.optics.haze import Haze
+from atmofit.optics.molecules import Molecules
+from atmofit.optics.phase import HenyeyGreenstein
+from atmofit.optics.profiles import GaussianLayer, Profile
+from atmofit.sky.plan import Nodes, Plan, plan_sky
+from atmofit.sky.simulate import simulate_luminance, simulate_sky
+from atmofit.typing import Reals, Scalar
+
+_FEW_NODES = Nodes(
+    view=8,
+    view_second=6,
+    altitude=5,
+    sun=6,
+    polar=4,
+    limb=2,
+    azimuth=6,
+    bend=2,
+    path=6,
+    modes=3,
+    degrees=4,
+    wavelength=3,
+)
+_DEPTH = Domain(0.0, LARGEST_OPTICAL_DEPTH)
+_HEIGHT = Domain(SMALLEST_SCALE_HEIGHT, LARGEST_SCALE_HEIGHT)
+_SHARE = Domain(0.0, 1.0)
+_DIRECTION: dict[str, Any] = {
+    "solar_zenith_angle": Domain(0.0, HORIZON),
+    "view_zenith_angle": Domain(0.0, HORIZON),
+    "azimuth": Span(-math.pi, math.pi),
+}
+_AIR: dict[str, Any] = {
+    "air_depth": _DEPTH,
+    "air_height": _HEIGHT,
+    "haze_depth": _DEPTH,
+    "haze_height": _HEIGHT,
+    "haze_albedo": _SHARE,
+    "asymmetry": Domain(-0.999, 0.999),
+}
+_CLEAR = {"air_depth": 0.1, "air_height": 8e3, "haze_depth": 0.2, "haze_height": 1.2e3}
+_AT_SUN = {"solar_zenith_angle": 0.7, "view_zenith_angle": 0.7, "azimuth": 0.0}
+_LEVEL = {"solar_zenith_angle": HORIZON, "view_zenith_angle": HORIZON, "azimuth": 0.0}
+_OVERHEAD = {"solar_zenith_angle": 0.0, "view_zenith_angle": 0.0}
+_SKIES = (
+    Case("clear", _CLEAR),
+    Case("clear, at the sun", _CLEAR | _AT_SUN),
+    Case("clear, level at the setting sun", _CLEAR | _LEVEL),
+    Case("clear, sun overhead", _CLEAR | _OVERHEAD),
+    Case("clear, grazing", _CLEAR | {"view_zenith_angle": 1.570, "solar_zenith_angle": 1.5707}),
+    Case("nothing in the air", {"air_depth": 0.0, "haze_depth": 0.0}, limit=0.0),
+    Case("next to nothing", {"air_depth": 1e-30, "haze_depth": 1e-30}),
+    Case("fog", _CLEAR | {"haze_depth": 1e3, "haze_height": 10.0}),
+    Case("fog, level at the setting sun", _CLEAR | _LEVEL | {"haze_depth": 1e3}),
+    Case("sharp haze at the sun", _CLEAR | _AT_SUN | {"asymmetry": 0.999}),
+    Case("sharp haze opposite", _CLEAR | _LEVEL | {"asymmetry": -0.999, "azimuth": math.pi}),
+    Case("black haze", _CLEAR | {"haze_albedo": 0.0}),
+    Case("one height for all", _CLEAR | {"haze_height": 8e3}),
+    Case("haze above the air", _CLEAR | {"air_height": 1.0, "haze_height": 3e4}),
+)
+_THIN = Case(
+    "thin air overhead, single scattering",
+    _OVERHEAD | {"air_depth": 1e-20, "air_height": 8e3, "haze_depth": 0.0},
+    limit=1e-20 * 3 / (8 * math.pi),
+    slope={"air_depth": 3 / (8 * math.pi)},
+    rtol=5e-2,  # the promise of the coarsest rung
+)
+
+
+def _plan(air: Atmosphere, orders: int, dtype: str) -> Plan:
+    coarse = plan_sky(air, orders=orders, rtol=5e-2, dtype=dtype, all_wavelengths=True)
+    return dataclasses.replace(coarse, nodes=_FEW_NODES)
+
+
+def _looked_at(air: Atmosphere, sun: Scalar, view: Scalar, azimuth: Scalar, orders: int) -> Reals:
+    """Radiance over solar irradiance at one wavelength in one direction [1/sr]."""
+    direction = Directions(view[None], azimuth[None])
+    plan = _plan(air, orders, sun.dtype.name)
+    return simulate_sky(air, sun, direction, 550.0, solar_irradiance=1.0, plan=plan)
+
+
+def _sky(
+    air_depth: Scalar,
+    air_height: Scalar,
+    haze_depth: Scalar,
+    haze_height: Scalar,
+    haze_albedo: Scalar,
+    asymmetry: Scalar,
+    solar_zenith_angle: Scalar,
+    view_zenith_angle: Scalar,
+    azimuth: Scalar,
+    ground_albedo: Scalar | None = None,
+    *,
+    geometry: str,
+) -> Reals:
+    """One order over a black ground, two over a grey one."""
+    haze = Haze(haze_depth, 1.3, haze_height, haze_albedo, HenyeyGreenstein(asymmetry))
+    ground = None if ground_albedo is None else Ground(ground_albedo)
+    air = Atmosphere(Molecules(air_depth, air_height), haze, (), ground, geometry)
+    orders = 1 if ground is None else 2
+    return _looked_at(air, solar_zenith_angle, view_zenith_angle, azimuth, orders)
+
+
+def _layers(
+    density: Reals,
+    gas_depth: Scalar,
+    solar_zenith_angle: Scalar,
+    view_zenith_angle: Scalar,
+    azimuth: Scalar,
+) -> Reals:
+    """A tabulated haze under a Gaussian layer of gas."""
+    haze = Haze(1.0, profile=Profile((0.0, 1e3, 1001.0, 2e3), density))
+    gas = Absorber(gas_depth, GaussianLayer(22e3, 5e3))
+    air = Atmosphere(haze=haze, absorbers=(gas,))
+    return _looked_at(air, solar_zenith_angle, view_zenith_angle, azimuth, 1)
+
+
+for _geometry in ("flat", "spherical"):
+    extremes(
+        *_SKIES,
+        _THIN,
+        part=f"order 1, {_geometry}",
+        call=lambda geometry=_geometry, **at: _sky(**at, geometry=geometry),
+        derivative="reverse" if _geometry == "flat" else "forward",
+        **_AIR,
+        **_DIRECTION,
+    )(simulate_sky)
+    extremes(
+        *_SKIES,
+        part=f"order 2, {_geometry}",
+        call=lambda geometry=_geometry, **at: _sky(**at, geometry=geometry),
+        derivative="forward",
+        heavy=True,
+        **_AIR,
+        **_DIRECTION,
+        ground_albedo=_SHARE,
+    )(simulate_sky)
+
+extremes(
+    Case("jump by a million", {"density": (1e-6, 1e-6, 1.0, 0.0), "gas_depth": 0.0}),
+    Case("no gas", {"gas_depth": 0.0} | _LEVEL),
+    part="order 1, layers",
+    call=_layers,
+    derivative="forward",
+    heavy=True,
+    density=Domain((1e-6, 0.0, 0.0, 0.0), (math.inf,) * 4),
+    gas_depth=_DEPTH,
+    **_DIRECTION,
+)(simulate_sky)
+
+extremes(
+    Case("clear, at the sun", _AT_SUN | {"turbidity": 2.0}),
+    Case("clear, level at the setting sun", _LEVEL | {"turbidity": 2.0}),
+    part="order 1, turbidity",
+    call=lambda turbidity, solar_zenith_angle, view_zenith_angle, azimuth: _looked_at(
+        Atmosphere.from_turbidity(turbidity),
+        solar_zenith_angle,
+        view_zenith_angle,
+        azimuth,
+        orders=1,
+    ),
+    derivative="forward",
+    heavy=True,
+    turbidity=Domain(MINIMUM_TURBIDITY, MAXIMUM_TURBIDITY),
+    **_DIRECTION,
+)(simulate_sky)
+
+extremes(
+    Case("clear, level at the setting sun", _LEVEL | {"turbidity": 2.0}),
+    call=lambda turbidity, solar_zenith_angle, view_zenith_angle, azimuth: simulate_luminance(
+        Atmosphere.from_turbidity(turbidity, "flat"),
+        solar_zenith_angle,
+        Directions(view_zenith_angle[None], azimuth[None]),
+        orders=1,
+        rtol=5e-2,
+    ),
+    heavy=True,
+    turbidity=Domain(MINIMUM_TURBIDITY, MAXIMUM_TURBIDITY),
+    **_DIRECTION,
+)(simulate_luminance)

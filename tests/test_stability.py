@@ -1,0 +1,148 @@
+"""The stability table: nothing fails, nothing public is missing, and faults are seen."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import atmofit as af
+from atmofit import stability
+from atmofit.checks import in_range
+from atmofit.extremes import DECLARATIONS, Case, Domain, Span, extremes
+
+# Public names that need no declaration of their own.
+EXEMPT = {
+    "DensityProfile": "abstract",
+    "PhaseFunction": "abstract",
+    "Plan": "counts and words",
+    "plan_sky": "counts and words",
+    "RefitSettings": "settings, checked when made",
+    "debug_checks": "a switch",
+    "dome_343": "constant directions",
+    "read_coefficients": "reads a file",
+    "solve_sky": "one half of simulate_sky",
+    "SkyField": "the other half",
+    "simulate_skies": "a table of simulate_sky",
+    "PerezFit": "result of fit_perez",
+    "ZenithFit": "result of the zenith fits",
+    "DistributionFit": "result of fit_distribution",
+    "RefitResult": "result of refit",
+    "fit_distribution": "the search of fit_perez over a table; too long to compile here",
+    "Identifiability": "result of the following",
+    "identify_distribution": "fit_distribution from many starts",
+    "identify_perez": "fit_perez from many starts",
+    "identify_zenith": "arithmetic on a zenith fit",
+    "TurbidityEstimate": "result of estimate_turbidity",
+    "refit": "simulate_skies and the fits",
+    "compare": "differences and means of results",
+    "PREETHAM_1999": "a PreethamModel",
+}
+ALL = stability.declarations()
+# `make stability` runs the heavy ones too, which take minutes to compile.
+KINDS = [(d, dtype) for d in ALL if not d.heavy for dtype in stability.DTYPES]
+
+
+@pytest.fixture(scope="module")
+def count():
+    return {}
+
+
+@pytest.mark.parametrize(("declaration", "dtype"), KINDS, ids=lambda x: getattr(x, "name", x))
+def test_no_check_fails(declaration, dtype, count):
+    checks = stability.run(declaration, dtype)
+    count[declaration.name, dtype] = len(checks)
+    failed = [f"{c.case}: {c.what}: {c.found}" for c in checks if not c.passed]
+    assert checks
+    assert not failed
+
+
+def test_there_are_enough_checks(count):
+    if len(count) < len(KINDS):
+        pytest.skip("some functions were not run")
+    assert sum(count.values()) >= 600
+
+
+def test_every_public_name_is_declared_or_exempt():
+    declared = {d.subject.__name__ for d in ALL}
+    assert not set(EXEMPT) - set(af.__all__)
+    assert set(af.__all__) - declared - set(EXEMPT) == set()
+
+
+def _declared(*cases, **keywords):
+    before = len(DECLARATIONS)
+    extremes(*cases, **keywords)(lambda: None)
+    return DECLARATIONS.pop(before)
+
+
+def _failures(declaration, dtype="float32"):
+    return {(c.case, c.what) for c in stability.run(declaration, dtype) if not c.passed}
+
+
+@pytest.mark.parametrize("derivative", ["reverse", "forward"])
+def test_a_slope_that_is_not_finite_is_found(derivative):
+    root = _declared(call=lambda x: jnp.sqrt(x), derivative=derivative, x=Span(0.0, 1.0))
+    assert _failures(root) == {("x lowest", "slope by x finite")}
+
+
+def test_a_wrong_limit_is_found():
+    cases = (Case("wrong", {"x": 1.0}, 1.001, {"x": 2.5}), Case("right", {"x": 1.0}, 1, {"x": 2}))
+    square = _declared(*cases, call=lambda x: x * x, x=Span(0.0, 1.0))
+    assert _failures(square) == {
+        ("wrong", "value is the limit"),
+        ("wrong", "slope by x is the limit"),
+    }
+    assert not _failures(_declared(cases[1], call=lambda x: x * x, x=Span(0.0, 1.0)), "float64")
+
+
+def test_arrays_and_forward_slopes_agree_with_reverse():
+    spans = {"x": Span((0.0, 1.0), (2.0, 3.0)), "y": Span(-1.0, 1.0)}
+    case = Case("known", {"x": (1.0, 2.0), "y": 1.0}, (2.0, 1.0), {"y": (0.0, 2.0)})
+    for derivative in ("reverse", "forward"):
+        found = _declared(
+            case, call=lambda x, y: (x[0] * x[1], y * y), derivative=derivative, **spans
+        )
+        assert not _failures(found, "float64")
+        middle = stability._evaluate(
+            found, {"x": jnp.asarray([[1.0, 2.0]]), "y": jnp.asarray([1.0])}
+        )[1]
+        np.testing.assert_array_equal(middle["x"], [[[2.0, 1.0], [0.0, 0.0]]])
+
+
+def test_a_domain_that_is_not_kept_is_found():
+    lax = _declared(call=lambda x: 2 * x, x=Domain(0.0, 1.0))
+    assert _failures(lax) == {
+        ("x below", "traced: NaN"),
+        ("x above", "traced: NaN"),
+        ("x below", "known: ValueError"),
+        ("x above", "known: ValueError"),
+        ("x NaN", "known: ValueError"),
+    }
+    strict = _declared(call=lambda x: in_range("x", x, 0.0, 1.0), x=Domain(0.0, 1.0))
+    assert not _failures(strict)
+
+
+@pytest.mark.parametrize("dtype", stability.DTYPES)
+def test_the_ends_belong_to_a_domain_in_both_precisions(dtype):
+    for end in (0.999, 1.7, 0.1):  # the nearest float32 lies beyond the first two
+        for value in (jnp.asarray(end, dtype), np.asarray(end, dtype)):
+            assert in_range("x", value, -end, end) == value
+            assert np.isfinite(jax.jit(lambda x, e=end: in_range("x", x, -e, e))(value))
+
+
+def test_a_case_of_an_unknown_argument_is_refused():
+    with pytest.raises(ValueError, match=r"case 'odd' names \['y'\], which have no span"):
+        extremes(Case("odd", {"y": 0.0}), x=Span(0.0, 1.0))
+    with pytest.raises(ValueError, match="derivative must be one of"):
+        extremes(derivative="both", x=Span(0.0, 1.0))
+
+
+def test_tables_and_exit_status(tmp_path, monkeypatch, capsys):
+    good = _declared(call=lambda x: x, x=Span(0.0, 1.0))
+    bad = _declared(call=lambda x: jnp.sqrt(x), x=Span(0.0, 1.0))
+    monkeypatch.setattr(stability, "declarations", lambda: (good,))
+    assert stability.main(tmp_path) == 0
+    monkeypatch.setattr(stability, "declarations", lambda: (good, bad))
+    assert stability.main(tmp_path) == 1
+    assert "2 failing" in capsys.readouterr().out
+    assert (tmp_path / "table.md").read_text().count("**FAILS**") == 2
+    assert '"passed": false' in (tmp_path / "table.json").read_text()
