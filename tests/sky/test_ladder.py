@@ -44,7 +44,7 @@ def test_finer_rungs_err_less_and_cost_more(dtype):
     for fine, coarse in itertools.pairwise(every):
         assert fine.largest < coarse.largest
         assert fine.hot_seconds > coarse.hot_seconds > 0
-    # The peak of the coarse rungs is the compiler's, equal to a megabyte or so: only the ends differ.
+    # The coarse rungs peak in the compiler, all alike to a megabyte or so: only the ends differ.
     assert every[0].peak_megabytes > every[-1].peak_megabytes > 0
 
 
