@@ -6,7 +6,6 @@ from the folder that ATMOFIT_DATA names, else from ../shared/data beside the che
 
 import dataclasses
 import json
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -32,6 +31,7 @@ from measured_models import (
     turbidity_from_optical_depth,
 )
 from measured_pictures import draw_all
+from run_files import commit
 
 import atmofit as af
 
@@ -87,7 +87,7 @@ def main(config: Config) -> None:
     print(table)
     (config.out / "table.md").write_text(table + "\n")
     (config.out / "scores.json").write_text(json.dumps(scores, indent=1) + "\n")
-    settings = {**dataclasses.asdict(config), "commit": _commit(), "jax": jax.__version__}
+    settings = {**dataclasses.asdict(config), "commit": commit(), "jax": jax.__version__}
     (config.out / "config.json").write_text(json.dumps(settings, indent=1, default=str) + "\n")
     for path in draw_all(config.out, skies, predictions):
         print(path)
@@ -145,15 +145,6 @@ def _timed(predict_one, *arguments) -> Prediction:
     prediction = predict_one(*arguments)
     print(f"{prediction.name}: {time.perf_counter() - start:.1f} s", file=sys.stderr)
     return prediction
-
-
-def _commit() -> str:
-    """The commit of the checkout, or "unknown"."""
-    try:
-        command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"]
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
 
 
 if __name__ == "__main__":

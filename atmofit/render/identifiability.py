@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from atmofit.fit.identifiability import CHI_SQUARE, GOOD, Identifiability
+from atmofit.fit.identifiability import GOOD, Identifiability
 from atmofit.fit.identifiability_words import interval, weakest_direction, weakest_fit
+from atmofit.fit.profile_likelihood import CHI_SQUARE
 from atmofit.render import html
 from atmofit.render.image import new_figure, png_bytes, style
 from atmofit.render.text import condition

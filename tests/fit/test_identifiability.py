@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from atmofit.fit import identifiability, identifiability_words
+from atmofit.fit import identifiability, identifiability_words, profile_likelihood
 from atmofit.fit.distribution import fit_distribution
 from atmofit.fit.identifiability import identify_distribution, identify_perez, identify_zenith
 from atmofit.fit.parameters import PerezPrior
@@ -209,7 +209,7 @@ def test_bad_input():
 
 def test_crossing():
     value = jnp.arange(5.0)
-    crossing = jax.jit(identifiability._crossing)
+    crossing = jax.jit(profile_likelihood._crossing)
     np.testing.assert_allclose(crossing(value, value**2), 3.841459**0.5, rtol=1e-6)
     assert np.isinf(crossing(value, 0.1 * value))
     # Beside a search that failed, the next value outward.
