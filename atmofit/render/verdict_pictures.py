@@ -97,7 +97,7 @@ def draw_movements(movements: Movements) -> "Figure":
     ]
     _draw_column(axes[0], rows, ratios, "published / simulated Y [-]")
     _draw_column(axes[1], rows, errors, "rms of Y [%]")
-    _draw_column(axes[2], rows, moves, "move of the regenerated coefficients\n[standard errors]")
+    _draw_column(axes[2], rows, moves, "move of the regenerated\ncoefficients [standard errors]")
     axes[0].axvline(1.0, color="#333333", lw=0.8)
     axes[0].set_xscale("log")
     ticks = (0.5, 1, 2, 3, 5)
