@@ -32,9 +32,18 @@ from atmofit.geometry import DirectionGrid, Directions, dome_343, scattering_ang
 from atmofit.io import read_coefficients
 from atmofit.models.perez import perez
 from atmofit.models.preetham import PREETHAM_1999, PreethamModel
+from atmofit.optics.air import (
+    air_depolarisation,
+    air_refractivity,
+    king_factor,
+    rayleigh_cross_section,
+    rayleigh_optical_depth,
+)
 from atmofit.optics.atmosphere import Atmosphere, Ground
+from atmofit.optics.exponential_layers import ExponentialLayers
 from atmofit.optics.gases import Absorber
 from atmofit.optics.haze import Haze, bullrich_phase
+from atmofit.optics.mie import MieOptics, mie_haze, mie_optics
 from atmofit.optics.molecules import Molecules
 from atmofit.optics.phase import (
     CornetteShanks,
@@ -44,6 +53,18 @@ from atmofit.optics.phase import (
     TabulatedPhase,
 )
 from atmofit.optics.profiles import DensityProfile, Exponential, GaussianLayer, Profile
+from atmofit.optics.sizes import (
+    SizeDistribution,
+    junge_sizes,
+    lognormal_sizes,
+    modified_gamma_sizes,
+)
+from atmofit.optics.standard_atmosphere import (
+    standard_density_profile,
+    standard_number_density,
+    standard_pressure,
+    standard_temperature,
+)
 from atmofit.sky.plan import Plan, plan_sky
 from atmofit.sky.simulate import SkyField, simulate_luminance, simulate_sky, solve_sky
 from atmofit.spectrum import Spectrum
@@ -61,11 +82,13 @@ __all__ = [
     "Directions",
     "DistributionFit",
     "Exponential",
+    "ExponentialLayers",
     "GaussianLayer",
     "Ground",
     "Haze",
     "HenyeyGreenstein",
     "Identifiability",
+    "MieOptics",
     "Molecules",
     "Observation",
     "PerezFit",
@@ -77,6 +100,7 @@ __all__ = [
     "Rayleigh",
     "RefitResult",
     "RefitSettings",
+    "SizeDistribution",
     "SkyField",
     "Spectrum",
     "TabulatedPhase",
@@ -84,6 +108,8 @@ __all__ = [
     "XYZ_to_linear_sRGB",
     "XYZ_to_xyY",
     "ZenithFit",
+    "air_depolarisation",
+    "air_refractivity",
     "bullrich_phase",
     "compare",
     "debug_checks",
@@ -96,9 +122,17 @@ __all__ = [
     "identify_distribution",
     "identify_perez",
     "identify_zenith",
+    "junge_sizes",
+    "king_factor",
     "linear_sRGB_to_sRGB",
+    "lognormal_sizes",
+    "mie_haze",
+    "mie_optics",
+    "modified_gamma_sizes",
     "perez",
     "plan_sky",
+    "rayleigh_cross_section",
+    "rayleigh_optical_depth",
     "read_coefficients",
     "refit",
     "scattering_angle",
@@ -109,5 +143,9 @@ __all__ = [
     "solve_sky",
     "spectrum_to_XYZ",
     "spectrum_to_xyY",
+    "standard_density_profile",
+    "standard_number_density",
+    "standard_pressure",
+    "standard_temperature",
     "xyY_to_XYZ",
 ]

@@ -47,7 +47,7 @@ class Refit:
     rtol: float = 1e-2
     """Promised relative error of luminance, 5e-4 to 1."""
     orders: int = 2
-    """Scattering orders, 1 or 2."""
+    """Scattering orders, 1 to 20."""
     geometry: Literal["spherical", "flat", "paper"] = "spherical"
     """Of the atmosphere; paper is flat below 70 degrees and spherical beyond."""
     turbidity: tuple[float, ...] = RefitSettings.turbidity

@@ -182,6 +182,13 @@ def legendre_table(cosine: np.ndarray, count: int) -> np.ndarray:
     return np.polynomial.legendre.legvander(cosine, count - 1)
 
 
+@functools.cache
+def legendre_to_chebyshev(count: int) -> np.ndarray:
+    """Matrix from the coefficients of P_0 .. P_(count-1) to those of T_0 .. T_(count-1)."""
+    nodes = chebyshev_nodes(count)
+    return chebyshev_transform(count) @ legendre_table(nodes, count)
+
+
 def harmonics(cosine: Reals, sine: Reals, degrees: int, modes: int) -> Reals:
     """Normalised associated Legendre functions of the spherical harmonics.
 

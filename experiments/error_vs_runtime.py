@@ -30,8 +30,7 @@ COUNTS = {
     "limb": (3, 12),
     "azimuth": (16, 20, 36),
     "bend": (2, 6),
-    "modes": (8, 12, 22),
-    "degrees": (14, 20, 34),
+    "degrees": (12, 16, 28),
     "view": (20, 32),
     "view_second": (10, 14),
     "path": (10, 14, 28),
@@ -39,7 +38,7 @@ COUNTS = {
     "sun": (20, 28, 56),
     "wavelength": (5, 7, 9, 16, 0),
 }
-QUICK_FAMILIES = ("ladder", "modes")
+QUICK_FAMILIES = ("ladder", "degrees")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -33,7 +33,23 @@ from atmofit.sky.ladder import Nodes
 from atmofit.sky.plan import Plan
 
 # Finer than the finest rung; in float64 and at every wavelength.
-FINE = Nodes(96, 40, 40, 88, 36, 16, 52, 6, 36, 28, 44, 0)
+FINE = Nodes(
+    view=96,
+    view_second=40,
+    altitude=40,
+    sun=88,
+    polar=36,
+    limb=16,
+    azimuth=52,
+    bend=6,
+    path=36,
+    degrees=36,
+    higher_modes=18,
+    higher_degrees=28,
+    streams=24,
+    steps=14,
+    wavelength=0,
+)
 _CHUNKS = ((0, 11), (10, 21), (20, 31), (30, 41))  # wavelengths worked on together, for memory
 
 
@@ -66,7 +82,8 @@ class Case:
     def plan(self) -> Plan:
         """The plan of a rung with these nodes in place of its own."""
         air = af.Atmosphere.from_turbidity(TURBIDITIES[0], self.geometry)
-        plan = af.plan_sky(air, orders=self.orders, dtype=self.dtype)
+        suns = af.RefitSettings().solar_zenith_angle
+        plan = af.plan_sky(air, solar_zenith_angle=suns, orders=self.orders, dtype=self.dtype)
         every = self.nodes.wavelength == 0
         return dataclasses.replace(plan, nodes=self.nodes, all_wavelengths=every)
 

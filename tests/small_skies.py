@@ -18,8 +18,11 @@ FEW_NODES = Nodes(
     azimuth=6,
     bend=2,
     path=6,
-    modes=3,
     degrees=4,
+    higher_modes=3,
+    higher_degrees=4,
+    streams=3,
+    steps=2,
     wavelength=4,
 )
 PARAMETERS = {

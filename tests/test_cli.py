@@ -97,7 +97,7 @@ def test_check_takes_the_settings_of_the_file(folder, capsys):
             "suns must be between 0 and 90",
         ),
         (["refit", "--turbidity", "nan", "2", "3"], "turbidity must be between 1 and 64, got nan"),
-        (["refit", "--orders", "3"], "orders must be 1 or 2, got 3"),
+        (["refit", "--orders", "21"], 'orders must be 1 to 20 or "all", got 21'),
         (["check", "nothing.json"], "file must exist, got 'nothing.json'"),
     ],
 )

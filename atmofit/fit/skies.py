@@ -79,7 +79,13 @@ class RefitSettings:
     def plan(self) -> Plan:
         """How each sky is computed."""
         atmosphere = Atmosphere.from_turbidity(self.turbidity[0], self.geometry)
-        return plan_sky(atmosphere, orders=self.orders, rtol=self.rtol, dtype=self.dtype)
+        return plan_sky(
+            atmosphere,
+            solar_zenith_angle=self.solar_zenith_angle,
+            orders=self.orders,
+            rtol=self.rtol,
+            dtype=self.dtype,
+        )
 
     @property
     def solar_zenith_angle(self) -> np.ndarray:

@@ -1,22 +1,29 @@
 """The whole atmosphere, and its optical properties at given wavelengths."""
 
+import math
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from atmofit.checks import choice, in_range
 from atmofit.constants import EARTH_RADIUS, MAXIMUM_TURBIDITY, MINIMUM_TURBIDITY
 from atmofit.extremes import Domain, extremes
-from atmofit.optics.gases import Absorber
+from atmofit.numerics import chebyshev_basis, legendre_to_chebyshev, safe_divide
+from atmofit.optics.air import LARGEST_PRESSURE, STANDARD_PRESSURE
+from atmofit.optics.gases import LARGEST_OZONE_DOBSON, Absorber
 from atmofit.optics.haze import Haze
 from atmofit.optics.molecules import Molecules
-from atmofit.optics.phase import PhaseFunction, Rayleigh
+from atmofit.optics.phase import PhaseFunction
 from atmofit.optics.profiles import DensityProfile
 from atmofit.spectrum import Spectrum, all_smooth, at, checked_spectral, spectral
-from atmofit.typing import RealsLike, Scalar
+from atmofit.typing import Reals, RealsLike, Scalar
 
-GEOMETRIES = ("spherical", "flat", "paper")
+GEOMETRIES = ("spherical", "pseudo-spherical", "flat", "paper")
+LATEST_SUN = math.radians(96.0)  # civil twilight, where the planet is round
 PRESETS = ("preetham1999", "standard")
+_PEAK_DEGREES = 128  # Legendre moments that resolve any forward peak met here
 
 
 class Ground(eqx.Module):
@@ -47,8 +54,9 @@ class Atmosphere(eqx.Module):
         haze: Particles, or None.
         absorbers: Gases that absorb.
         ground: A reflecting ground, or None: black.
-        geometry: "spherical"; "flat"; or "paper": flat for view and sun below 70 degrees,
-            spherical beyond (discontinuous there, only to reproduce the 1999 paper). Static.
+        geometry: "spherical"; "pseudo-spherical": only for sunlight; "flat"; or "paper": flat for
+            view and sun below 70 degrees, spherical beyond (discontinuous there, only to
+            reproduce the 1999 paper). Static.
         preset: Where unstated spectra come from, "preetham1999" or "standard". Static.
         radius: Of the ground [m]. Static.
     """
@@ -84,6 +92,38 @@ class Atmosphere(eqx.Module):
         """
         return cls(Molecules(), Haze.from_turbidity(turbidity), geometry=geometry)
 
+    @classmethod
+    def standard(
+        cls,
+        haze: Haze | None = None,
+        ground: Ground | None = None,
+        surface_pressure: RealsLike = STANDARD_PRESSURE,
+        ozone_dobson: RealsLike | None = 300.0,
+        geometry: str = "spherical",
+    ) -> "Atmosphere":
+        """Real air with ozone, under the sun of ASTM G-173.
+
+        Args:
+            haze: Particles, or None.
+            ground: A reflecting ground, or None: black.
+            surface_pressure: At the ground [Pa], 0 to 200,000.
+            ozone_dobson: Vertical amount of ozone [Dobson units], 0 to 1000. It confines the
+                wavelengths to 380 to 780 nm, and every one of them is computed; None: no ozone,
+                200 to 3000 nm, interpolated between a few nodes where all else is smooth.
+            geometry: As the attribute.
+
+        Raises:
+            ValueError: A value lies outside its range.
+        """
+        return cls(
+            Molecules.standard(surface_pressure),
+            haze,
+            () if ozone_dobson is None else (Absorber.ozone(ozone_dobson),),
+            ground,
+            geometry=geometry,
+            preset="standard",
+        )
+
     def checked(self) -> "Atmosphere":
         """Refuse impossible values of every constituent."""
         return Atmosphere(
@@ -95,6 +135,12 @@ class Atmosphere(eqx.Module):
             self.preset,
             self.radius,
         )
+
+    @property
+    def latest_sun(self) -> float:
+        """Largest solar zenith angle that the geometry serves [rad]."""
+        round_planet = self.geometry in ("spherical", "pseudo-spherical")
+        return LATEST_SUN if round_planet else math.pi / 2
 
     @property
     def is_smooth(self) -> bool:
@@ -117,6 +163,8 @@ class Medium(eqx.Module):
         phases: Phase function of each scatterer.
         wavelength_nm: [nm].
         ground_albedo: [wavelength], or None: black.
+        peaks: Share of each scatterer's light in a forward peak that is set apart,
+            [scatterer, wavelength], or None.
     """
 
     profiles: tuple[DensityProfile, ...]
@@ -125,6 +173,7 @@ class Medium(eqx.Module):
     phases: tuple[PhaseFunction, ...]
     wavelength_nm: Float[Array, " w"]
     ground_albedo: Float[Array, " w"] | None
+    peaks: Float[Array, "scatterer w"] | None = None
 
     @property
     def top(self) -> Scalar:
@@ -148,13 +197,89 @@ class Medium(eqx.Module):
             for phase, scattering in zip(self.phases, self.scattering, strict=True)
         )
 
-    def moments(self, count: int) -> Float[Array, "scatterer degree w"]:
-        """Scattering optical depth times the Legendre moments of each scatterer."""
+    def moments(self, count: int, whole: bool = False) -> Float[Array, "scatterer degree w"]:
+        """Scattering optical depth times the Legendre moments of each scatterer.
+
+        Args:
+            count: How many. Static.
+            whole: Whether forward peaks that were set apart count. Static.
+        """
+        moments = self._phase_moments(count)
+        if self.peaks is not None and not whole:
+            moments = moments - self.peaks[:, None]
+        return moments * self.scattering[:, None, :]
+
+    def peaks_apart(self, degrees: int, unscattered: bool) -> "Medium":
+        """Set apart the forward peaks that so many Legendre moments do not resolve.
+
+        A peak's share is the first moment left out, which all further ones approach (delta
+        scaling, Wiscombe 1977); 0 for backward peaks, whose moments alternate.
+
+        Args:
+            degrees: Legendre moments. Static.
+            unscattered: Whether the light in the peaks counts as not scattered. Static.
+        """
+        if all(phase.degree is not None and phase.degree < degrees for phase in self.phases):
+            return self
+        last = self._phase_moments(degrees + 1)[:, -2:]
+        peaks = jnp.maximum(last.min(axis=1), 0.0)
+        apart = eqx.tree_at(lambda m: m.peaks, self, peaks, is_leaf=lambda leaf: leaf is None)
+        if not unscattered:
+            return apart
+        count = len(self.phases)
+        extinction = self.extinction.at[:count].add(-peaks * self.scattering)
+        return eqx.tree_at(lambda m: m.extinction, apart, extinction)
+
+    def deflected(self, columns: Float[Array, "*s constituent"]) -> Reals | None:
+        """Optical depth of the forward peaks on a path, [..., wavelength]; None without any.
+
+        Args:
+            columns: Over vertical columns, of each constituent.
+        """
+        if self.peaks is None:
+            return None
+        return columns[..., : len(self.phases)] @ (self.peaks * self.scattering)
+
+    def smooth_phase_functions(
+        self, cosine: Float[Array, "*s"], degrees: int
+    ) -> tuple[Float[Array, "*s w"], ...]:
+        """As `phase_functions`, from so many moments, without the forward peaks.
+
+        Args:
+            cosine: Of the scattering angle.
+            degrees: Legendre moments. Static.
+        """
+        basis = _legendre_series(cosine, degrees)
+        return tuple(basis @ each for each in self.moments(degrees))
+
+    def deflected_phase_functions(self, angle: Reals, degrees: int) -> tuple[Reals, ...]:
+        """As `phase_functions`, of light that a forward peak deflects before or after.
+
+        Two scatterings have the moments beta_l^2; without peaks they have (beta_l - peak)^2.
+        What is between them belongs to light scattered once with the peak's share of each other
+        scattering: beta_l - peak / 2 below the last degree and beta_l^2 / (2 peak) beyond it.
+
+        Args:
+            angle: Scattering angle [rad].
+            degrees: Legendre moments that resolve the rest. Static.
+        """
+        whole = self.phase_functions(angle)
+        if self.peaks is None:
+            return whole
+        moments, peaks = self._phase_moments(_PEAK_DEGREES), self.peaks[:, None]
+        beyond = moments * (1 - jnp.clip(safe_divide(moments, peaks), -1.0, 1.0) / 2)
+        below = jnp.asarray(np.arange(_PEAK_DEGREES) < degrees)[None, :, None]
+        excess = jnp.where(below, peaks / 2, beyond) * self.scattering[:, None]
+        basis = _legendre_series(jnp.cos(angle), _PEAK_DEGREES)
+        return tuple(
+            full if phase.degree is not None else jnp.maximum(full - basis @ part, 0.0)
+            for phase, full, part in zip(self.phases, whole, excess, strict=True)
+        )
+
+    def _phase_moments(self, count: int) -> Float[Array, "scatterer degree w"]:
+        shape = (count, self.wavelength_nm.size)
         return jnp.stack(
-            [
-                phase.moments(count, self.wavelength_nm) * scattering[None, :]
-                for phase, scattering in zip(self.phases, self.scattering, strict=True)
-            ]
+            [jnp.broadcast_to(p.moments(count, self.wavelength_nm), shape) for p in self.phases]
         )
 
 
@@ -172,7 +297,7 @@ def optical_properties(atmosphere: Atmosphere, wavelength_nm: Float[Array, " w"]
         profiles.append(atmosphere.molecules.density_profile())
         extinction.append(depth)
         scattering.append(depth)
-        phases.append(Rayleigh())
+        phases.append(atmosphere.molecules.phase())
     if atmosphere.haze is not None:
         depth = atmosphere.haze.optical_depth_at(wavelength_nm)
         profiles.append(atmosphere.haze.density_profile())
@@ -193,6 +318,13 @@ def optical_properties(atmosphere: Atmosphere, wavelength_nm: Float[Array, " w"]
     )
 
 
+def _legendre_series(cosine: Reals, count: int) -> Reals:
+    """(2 l + 1) / (4 pi) P_l of the cosine, l from 0 to count - 1 on a new last axis."""
+    odd = (2 * np.arange(count) + 1) / (4 * math.pi)
+    to_chebyshev = legendre_to_chebyshev(count) * odd[None, :]
+    return chebyshev_basis(cosine, count) @ jnp.asarray(to_chebyshev, cosine.dtype)
+
+
 def _last_axis(values: Float[Array, " w"], axes_before: int) -> Float[Array, "..."]:
     return values.reshape((1,) * axes_before + values.shape)
 
@@ -205,5 +337,19 @@ extremes(
         ).scattering
     ),
     turbidity=Domain(MINIMUM_TURBIDITY, MAXIMUM_TURBIDITY),
+    wavelength_nm=Domain(380.0, 780.0),
+)(Atmosphere)
+extremes(
+    part="standard",
+    call=lambda surface_pressure, ozone_dobson, wavelength_nm: (
+        optical_properties(
+            Atmosphere.standard(
+                surface_pressure=surface_pressure, ozone_dobson=ozone_dobson
+            ).checked(),
+            wavelength_nm[None],
+        ).extinction
+    ),
+    surface_pressure=Domain(0.0, LARGEST_PRESSURE),
+    ozone_dobson=Domain(0.0, LARGEST_OZONE_DOBSON),
     wavelength_nm=Domain(380.0, 780.0),
 )(Atmosphere)

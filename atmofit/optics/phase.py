@@ -6,6 +6,7 @@ scattering sees them through their Legendre moments: the integral of p P_l over 
 
 import abc
 import math
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -22,10 +23,17 @@ from atmofit.typing import Reals, RealsLike, Scalar, real_array
 _FOUR_PI = 4 * math.pi
 _NORMALISING_NODES = 200
 _LARGEST_ASYMMETRY = 0.999
+_LARGEST_DEPOLARISATION = 6 / 7  # where the King factor becomes infinite
 
 
 class PhaseFunction(eqx.Module):
-    """Share of the scattered light per solid angle."""
+    """Share of the scattered light per solid angle.
+
+    Attributes:
+        degree: The last Legendre moment that is not 0, or None where there is no last one.
+    """
+
+    degree: ClassVar[int | None] = None
 
     @abc.abstractmethod
     def at_wavelengths(self, angle: Reals, wavelength_nm: Float[Array, " w"]) -> Reals:
@@ -55,24 +63,61 @@ class PhaseFunction(eqx.Module):
 
 
 class Rayleigh(PhaseFunction):
-    """Scattering by air molecules, 3 / (16 pi) (1 + cos^2), depolarisation left out."""
+    """Scattering by air molecules, 3 / (16 pi) (1 + cos^2) if they are isotropic.
+
+    Attributes:
+        depolarisation: Factor rho of anisotropic molecules [-], 0 to 6/7, a number or a
+            `Spectrum`: 3 / (8 pi (2 + rho)) ((1 + rho) + (1 - rho) cos^2), Chandrasekhar (1960)
+            section 18. None: left out, that is 0.
+    """
+
+    degree: ClassVar[int | None] = 2
+    depolarisation: Scalar | Spectrum | None = eqx.field(
+        converter=lambda value: None if value is None else spectral(value), default=None
+    )
 
     def at_wavelengths(self, angle: Reals, wavelength_nm: Float[Array, " w"]) -> Reals:
-        """Phase function [1/sr], the same at every wavelength."""
-        return (3 / (4 * _FOUR_PI) * (1 + jnp.cos(angle) ** 2))[..., None]
+        """Phase function [1/sr]; the same at every wavelength unless depolarisation varies."""
+        if self.depolarisation is None:
+            return (3 / (4 * _FOUR_PI) * (1 + jnp.cos(angle) ** 2))[..., None]
+        rho = _on_last_axis(self.depolarisation, wavelength_nm, angle)
+        shape = (1 + rho) + (1 - rho) * jnp.cos(angle)[..., None] ** 2
+        return 3 / (2 * _FOUR_PI) * shape / (2 + rho)
 
     def moments(self, count: int, wavelength_nm: Float[Array, " w"]) -> Float[Array, "l w_or_1"]:
-        """Legendre moments 1, 0, 1/10, 0, ..."""
-        known = np.zeros((count, 1))
-        known[0] = 1.0
-        known[2:3] = 0.1
-        return jnp.asarray(known, wavelength_nm.dtype)
+        """Legendre moments 1, 0, (1 - rho) / (5 (2 + rho)), 0, ..."""
+        first, second = (np.eye(1, count, degree).T for degree in (0, 2))
+        if self.depolarisation is None:
+            return jnp.asarray(first + 0.1 * second, wavelength_nm.dtype)
+        rho = _on_last_axis(self.depolarisation, wavelength_nm, wavelength_nm[0])[None, :]
+        value = (1 - rho) / (5 * (2 + rho))
+        return jnp.asarray(first, rho.dtype) + jnp.asarray(second, rho.dtype) * value
+
+    def checked(self) -> "Rayleigh":
+        """Refuse depolarisation factors that no molecule has."""
+        if self.depolarisation is None:
+            return self
+        return Rayleigh(
+            checked_spectral("depolarisation", self.depolarisation, 0.0, _LARGEST_DEPOLARISATION)
+        )
 
 
 extremes(
     Case("forward", {"angle": 0.0}, limit=6 / (16 * math.pi), slope={"angle": 0.0}),
     Case("aside", {"angle": math.pi / 2}, limit=3 / (16 * math.pi)),
     call=lambda angle: Rayleigh()(angle),
+    angle=Domain(0.0, math.pi),
+)(Rayleigh)
+extremes(
+    Case("none", {"depolarisation": 0.0, "angle": 0.0}, (6 / (16 * math.pi), 1, 0, 0.1, 0)),
+    # All that the largest factor leaves: (13 + cos^2) / 20 of 3 / (8 pi).
+    Case("most", {"depolarisation": 6 / 7, "angle": 0.0}, (21 / (80 * math.pi), 1, 0, 0.01, 0)),
+    part="depolarisation",
+    call=lambda depolarisation, angle: (
+        Rayleigh(depolarisation).checked()(angle),
+        Rayleigh(depolarisation).moments(4, angle[None]),
+    ),
+    depolarisation=Domain(0.0, _LARGEST_DEPOLARISATION),
     angle=Domain(0.0, math.pi),
 )(Rayleigh)
 

@@ -8,12 +8,15 @@ from atmofit.constants import (
     LARGEST_OPTICAL_DEPTH,
     LARGEST_SCALE_HEIGHT,
     MAXIMUM_TURBIDITY,
+    MAXIMUM_WAVELENGTH_NM,
     MINIMUM_TURBIDITY,
+    MINIMUM_WAVELENGTH_NM,
     SMALLEST_SCALE_HEIGHT,
 )
 from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.geometry import HORIZON, Directions
-from atmofit.optics.atmosphere import Atmosphere, Ground
+from atmofit.optics.air import LARGEST_PRESSURE
+from atmofit.optics.atmosphere import LATEST_SUN, Atmosphere, Ground
 from atmofit.optics.gases import Absorber
 from atmofit.optics.haze import Haze
 from atmofit.optics.molecules import Molecules
@@ -33,8 +36,11 @@ _FEW_NODES = Nodes(
     azimuth=6,
     bend=2,
     path=6,
-    modes=3,
     degrees=4,
+    higher_modes=3,
+    higher_degrees=4,
+    streams=3,
+    steps=2,
     wavelength=3,
 )
 _DEPTH = Domain(0.0, LARGEST_OPTICAL_DEPTH)
@@ -45,6 +51,7 @@ _DIRECTION: dict[str, Any] = {
     "view_zenith_angle": Domain(0.0, HORIZON),
     "azimuth": Span(-math.pi, math.pi),
 }
+_TWILIGHT = _DIRECTION | {"solar_zenith_angle": Domain(0.0, LATEST_SUN)}
 _AIR: dict[str, Any] = {
     "air_depth": _DEPTH,
     "air_height": _HEIGHT,
@@ -73,6 +80,10 @@ _SKIES = (
     Case("one height for all", _CLEAR | {"haze_height": 8e3}),
     Case("haze above the air", _CLEAR | {"air_height": 1.0, "haze_height": 3e4}),
 )
+_DUSK = (
+    Case("clear, end of twilight", _CLEAR | _LEVEL | {"solar_zenith_angle": LATEST_SUN}),
+    Case("fog, end of twilight", _CLEAR | {"haze_depth": 1e3, "solar_zenith_angle": LATEST_SUN}),
+)
 _THIN = Case(
     "thin air overhead, single scattering",
     _OVERHEAD | {"air_depth": 1e-20, "air_height": 8e3, "haze_depth": 0.0},
@@ -82,16 +93,23 @@ _THIN = Case(
 )
 
 
-def _plan(air: Atmosphere, orders: int, dtype: str) -> Plan:
+def _plan(air: Atmosphere, orders: int | str, dtype: str) -> Plan:
     coarse = plan_sky(air, orders=orders, rtol=5e-2, dtype=dtype, all_wavelengths=True)
     return dataclasses.replace(coarse, nodes=_FEW_NODES)
 
 
-def _looked_at(air: Atmosphere, sun: Scalar, view: Scalar, azimuth: Scalar, orders: int) -> Reals:
+def _looked_at(
+    air: Atmosphere,
+    sun: Scalar,
+    view: Scalar,
+    azimuth: Scalar,
+    orders: int | str,
+    wavelength_nm: Scalar | float = 550.0,
+) -> Reals:
     """Radiance over solar irradiance at one wavelength in one direction [1/sr]."""
     direction = Directions(view[None], azimuth[None])
     plan = _plan(air, orders, sun.dtype.name)
-    return simulate_sky(air, sun, direction, 550.0, solar_irradiance=1.0, plan=plan)
+    return simulate_sky(air, sun, direction, wavelength_nm, solar_irradiance=1.0, plan=plan)
 
 
 def _sky(
@@ -107,12 +125,12 @@ def _sky(
     ground_albedo: Scalar | None = None,
     *,
     geometry: str,
+    orders: int | str = 1,
 ) -> Reals:
-    """One order over a black ground, two over a grey one."""
+    """A sky of molecules and haze over a black or a grey ground."""
     haze = Haze(haze_depth, 1.3, haze_height, haze_albedo, HenyeyGreenstein(asymmetry))
     ground = None if ground_albedo is None else Ground(ground_albedo)
     air = Atmosphere(Molecules(air_depth, air_height), haze, (), ground, geometry)
-    orders = 1 if ground is None else 2
     return _looked_at(air, solar_zenith_angle, view_zenith_angle, azimuth, orders)
 
 
@@ -130,26 +148,59 @@ def _layers(
     return _looked_at(air, solar_zenith_angle, view_zenith_angle, azimuth, 1)
 
 
-for _geometry in ("flat", "spherical"):
+for _geometry, _cases, _direction in (
+    ("flat", _SKIES, _DIRECTION),
+    ("pseudo-spherical", _SKIES + _DUSK, _TWILIGHT),
+    ("spherical", _SKIES + _DUSK, _TWILIGHT),
+):
     extremes(
-        *_SKIES,
+        *_cases,
         _THIN,
         part=f"order 1, {_geometry}",
         call=lambda geometry=_geometry, **at: _sky(**at, geometry=geometry),
         derivative="reverse" if _geometry == "flat" else "forward",
+        heavy=_geometry == "pseudo-spherical",
         **_AIR,
-        **_DIRECTION,
+        **_direction,
     )(simulate_sky)
-    extremes(
-        *_SKIES,
-        part=f"order 2, {_geometry}",
-        call=lambda geometry=_geometry, **at: _sky(**at, geometry=geometry),
-        derivative="forward",
-        heavy=True,
-        **_AIR,
-        **_DIRECTION,
-        ground_albedo=_SHARE,
-    )(simulate_sky)
+    for _orders, _word in ((2, "order 2"), ("all", "all orders")):
+        extremes(
+            *_cases,
+            part=f"{_word}, {_geometry}",
+            call=lambda geometry=_geometry, orders=_orders, **at: _sky(
+                **at, geometry=geometry, orders=orders
+            ),
+            derivative="forward",
+            heavy=True,
+            **_AIR,
+            **_direction,
+            ground_albedo=_SHARE,
+        )(simulate_sky)
+
+extremes(
+    Case(
+        "ultraviolet, end of twilight", {"wavelength_nm": 300.0, "solar_zenith_angle": LATEST_SUN}
+    ),
+    Case("infrared, end of twilight", {"wavelength_nm": 2500.0, "solar_zenith_angle": LATEST_SUN}),
+    part="all orders, real air",
+    call=lambda wavelength_nm, surface_pressure, haze_depth, ground_albedo, **at: _looked_at(
+        Atmosphere.standard(
+            Haze(haze_depth, 1.3), Ground(ground_albedo), surface_pressure, ozone_dobson=None
+        ),
+        at["solar_zenith_angle"],
+        at["view_zenith_angle"],
+        at["azimuth"],
+        "all",
+        wavelength_nm,
+    ),
+    derivative="forward",
+    heavy=True,
+    wavelength_nm=Domain(MINIMUM_WAVELENGTH_NM, MAXIMUM_WAVELENGTH_NM),
+    surface_pressure=Domain(0.0, LARGEST_PRESSURE),
+    haze_depth=_DEPTH,
+    ground_albedo=_SHARE,
+    **_TWILIGHT,
+)(simulate_sky)
 
 extremes(
     Case("jump by a million", {"density": (1e-6, 1e-6, 1.0, 0.0), "gas_depth": 0.0}),
@@ -160,7 +211,7 @@ extremes(
     heavy=True,
     density=Domain((1e-6, 0.0, 0.0, 0.0), (math.inf,) * 4),
     gas_depth=_DEPTH,
-    **_DIRECTION,
+    **_TWILIGHT,
 )(simulate_sky)
 
 extremes(
@@ -177,7 +228,7 @@ extremes(
     derivative="forward",
     heavy=True,
     turbidity=Domain(MINIMUM_TURBIDITY, MAXIMUM_TURBIDITY),
-    **_DIRECTION,
+    **_TWILIGHT,
 )(simulate_sky)
 
 extremes(

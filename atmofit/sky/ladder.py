@@ -25,8 +25,11 @@ class Nodes:
         azimuth: Azimuths on the half circle.
         bend: Azimuths at which the curvature of the planet is followed (1 in a flat one).
         path: Along each of these directions.
-        modes: Azimuth modes of the single-scattered light.
-        degrees: Legendre moments of the phase functions in the second scattering.
+        degrees: Legendre moments and azimuth modes of the single-scattered light.
+        higher_modes: Azimuth modes of the light of order 2 and above.
+        higher_degrees: Legendre moments of it.
+        streams: Rays that meet the ground, along which light of order 2 and above is carried.
+        steps: Orders computed before the rest is added as a geometric series.
         wavelength: Wavelengths between which log radiance is interpolated; 0: all that are asked.
     """
 
@@ -39,8 +42,11 @@ class Nodes:
     azimuth: int
     bend: int
     path: int
-    modes: int
     degrees: int
+    higher_modes: int
+    higher_degrees: int
+    streams: int
+    steps: int
     wavelength: int
 
 

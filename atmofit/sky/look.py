@@ -1,4 +1,4 @@
-"""Along a line of sight: how much light of each order arrives at the observer on the ground."""
+"""Along a line of sight: how much light of each order arrives at the observer."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,8 +9,8 @@ from atmofit.numerics import chebyshev_basis, gauss_nodes, harmonics, safe_divid
 from atmofit.optics.atmosphere import Medium
 from atmofit.optics.profiles import LayeredProfile
 from atmofit.sky.paths import Paths, Point, stretched, unstretched
-from atmofit.sky.plan import Nodes
-from atmofit.sky.sources import Moments, sun_place
+from atmofit.sky.plan import Plan
+from atmofit.sky.sources import Moments, forward_factors, sun_place, twilight
 from atmofit.typing import Reals, Scalar
 
 _HALF_PANEL_STEPS = 3  # at least so many from a kink of a tabulated density to midway
@@ -31,13 +31,14 @@ class LineOfSight(eqx.Module):
 
 
 def line_of_sight(
-    medium: Medium, paths: Paths, view: Scalar, count: int, free_path: bool
+    medium: Medium, paths: Paths, observer: Scalar, view: Scalar, count: int, free_path: bool
 ) -> LineOfSight:
     """Steps along a view ray, dense where the scattered light comes from.
 
     Args:
         medium: Optical properties.
         paths: The geometry.
+        observer: Altitude of the observer [m].
         view: View zenith angle [rad].
         count: Number of steps. Static.
         free_path: Whether steps follow the free path where it is shorter than the way to thinner
@@ -47,22 +48,21 @@ def line_of_sight(
     dtype = view.dtype
     # The float32 nearest to pi / 2 lies below the horizon.
     cosine, sine = jnp.maximum(jnp.cos(view), 0.0), jnp.sin(view)
-    ground = jnp.zeros((), dtype)
-    length = paths.length_up(ground, cosine, medium.top)
-    near = paths.length_up(ground, cosine, medium.scale)
+    length = paths.length_up(observer, cosine, jnp.maximum(medium.top, observer))
+    near = paths.length_up(observer, cosine, observer + medium.scale)
     if free_path:
-        near = _within_free_path(medium, near, ground)
-    edges = _edges(medium, paths, cosine, length)
+        near = _within_free_path(medium, near, observer)
+    edges = _edges(medium, paths, observer, cosine, length)
     if edges.size == 2:
         u, w = (jnp.asarray(x, dtype) for x in gauss_nodes(count))
         distance, slope = stretched(u, length, near)
         weight = slope * w
     else:
         middle = (edges[1:] + edges[:-1]) / 2
-        altitude = paths.advance(ground, cosine, sine, middle).altitude
+        altitude = paths.advance(observer, cosine, sine, middle).altitude
         fine = _within_free_path(medium, near, altitude) if free_path else near
         distance, weight = _in_panels(edges, jnp.broadcast_to(fine, middle.shape), count)
-    start = jnp.zeros_like(distance)
+    start = jnp.broadcast_to(observer, distance.shape)
     across = (start, jnp.full_like(start, cosine), jnp.full_like(start, sine))
     points = paths.advance(*across, distance)
     columns = [paths.column_between(p, *across, points) for p in medium.profiles]
@@ -95,14 +95,17 @@ def _in_panels(
     return distance.ravel(), jnp.tile(slope * w, (1, 2)).ravel()
 
 
-def _edges(medium: Medium, paths: Paths, cosine: Scalar, length: Scalar) -> Float[Array, " edge"]:
-    """Distances at which a ray from the ground meets kinks of the scatterers' densities."""
+def _edges(
+    medium: Medium, paths: Paths, observer: Scalar, cosine: Scalar, length: Scalar
+) -> Float[Array, " edge"]:
+    """Distances at which a ray from the observer meets kinks of the scatterers' densities."""
     ends = jnp.stack([jnp.zeros_like(length), length])
     layered = [p for p in medium.scattering_profiles if isinstance(p, LayeredProfile)]
     if not layered:
         return ends
     levels = jnp.concatenate([profile.breakpoints() for profile in layered])
-    inner = paths.length_up(jnp.zeros_like(levels), cosine, jnp.clip(levels, 0.0, medium.top))
+    here = jnp.broadcast_to(observer, levels.shape)
+    inner = paths.length_up(here, cosine, jnp.clip(levels, observer, jnp.maximum(medium.top, here)))
     return jnp.sort(jnp.concatenate([ends, jnp.clip(inner, 0.0, length)]))
 
 
@@ -125,51 +128,81 @@ def local_sun(points: Point, azimuth: Scalar, sun: Scalar) -> tuple[Reals, Reals
 
 
 def single_scattering(
-    medium: Medium, paths: Paths, sight: LineOfSight, view: Scalar, azimuth: Scalar, sun: Scalar
-) -> Float[Array, " w"]:
-    """Radiance of light scattered once, over solar irradiance [1/sr]."""
+    medium: Medium,
+    paths: Paths,
+    sight: LineOfSight,
+    view: Scalar,
+    azimuth: Scalar,
+    sun: Scalar,
+    plan: Plan,
+) -> tuple[Float[Array, " w"], ...]:
+    """Radiance of sunlight scattered once with the exact phase function [1/sr].
+
+    Over solar irradiance; one for each term of `forward_factors`, which belongs to one more order.
+    """
     sun_cosine, _, _ = local_sun(sight.points, azimuth, sun)
     columns, up = [], jnp.ones_like(sun_cosine)
     for profile in medium.profiles:
         column, up = paths.sun_column(profile, sight.points.altitude, sun_cosine)
         columns.append(column)
-    depth = (jnp.stack(columns, axis=-1) + sight.columns) @ medium.extinction
-    sunlight = jnp.exp(-depth) * up[:, None]
-    phases = medium.phase_functions(scattering_angle(view, azimuth, sun))
-    total = jnp.zeros_like(medium.wavelength_nm)
-    for profile, phase in zip(medium.scattering_profiles, phases, strict=True):
-        density = profile.density(sight.points.altitude)
-        total = total + phase * ((density * sight.length) @ sunlight)
-    return total
+    toward_sun = jnp.stack(columns, axis=-1)
+    columns = toward_sun + sight.columns
+    sunlight = jnp.exp(-(columns @ medium.extinction)) * up[:, None]
+    angle = scattering_angle(view, azimuth, sun)
+    weights = [p.density(sight.points.altitude) * sight.length for p in medium.scattering_profiles]
+
+    def scattered(phases: tuple[Reals, ...], light: Reals) -> Float[Array, " w"]:
+        parts = [phase * (weight @ light) for phase, weight in zip(phases, weights, strict=True)]
+        return sum(parts[1:], parts[0])
+
+    exact = medium.phase_functions(angle)
+    deflected = medium.deflected(columns)
+    if deflected is None:
+        return (scattered(exact, sunlight),)
+    between = medium.deflected_phase_functions(angle, plan.nodes.degrees)
+    if not plan.counts_peaks:
+        # The extinction leaves the peaks out: those that meet none, and all others.
+        met = -jnp.expm1(-deflected)
+        return (scattered(exact, sunlight * (1 - met)) + scattered(between, sunlight * met),)
+    first, *others = forward_factors(deflected, plan.arriving_orders + 1)
+    return (
+        scattered(exact, sunlight * first),
+        *(scattered(between, sunlight * factor) for factor in others),
+    )
 
 
-def second_sources(
-    medium: Medium, moments: Moments, sight: LineOfSight, nodes: Nodes
+def diffuse_sources(
+    medium: Medium, moments: Moments, sight: LineOfSight
 ) -> Float[Array, "step m sun w"]:
-    """What each step of a ray sends to the observer after a second scattering, for every sun."""
+    """What each step of a ray sends to the observer after another scattering, for every sun.
+
+    Over `twilight`, as coefficients in the sun.
+    """
+    altitudes, modes, degrees, _, _ = moments.coefficients.shape
     z = sight.points.altitude
     place = 2 * unstretched(z, moments.top, moments.scale) - 1
-    basis = chebyshev_basis(jnp.clip(place, -1.0, 1.0), nodes.altitude)
+    basis = chebyshev_basis(jnp.clip(place, -1.0, 1.0), altitudes)
     brightness = jnp.exp(basis @ moments.log_brightness)
     arriving = jnp.tensordot(basis, moments.coefficients, 1)
     density = jnp.stack([profile.density(z) for profile in medium.scattering_profiles])
-    scattered = jnp.tensordot(density.T, medium.moments(nodes.degrees), 1)
+    scattered = jnp.tensordot(density.T, medium.moments(degrees, moments.whole), 1)
     dimming = jnp.exp(-sight.columns @ medium.extinction) * sight.length[:, None]
     strength = scattered * (dimming * brightness)[:, None, :]
-    y = harmonics(sight.points.cosine, sight.points.sine, nodes.degrees, nodes.modes)
-    twice = jnp.where(jnp.arange(nodes.modes) > 0, 2.0, 1.0).astype(y.dtype)
+    y = harmonics(sight.points.cosine, sight.points.sine, degrees, modes)
+    twice = jnp.where(jnp.arange(modes) > 0, 2.0, 1.0).astype(y.dtype)
     y = y * twice[None, None, :]
     return jnp.einsum("qmlsw,qlm,qlw->qmsw", arriving, y, strength)
 
 
-def second_scattering(
+def diffuse_radiance(
     sources: Float[Array, "step m sun w"],
     moments: Moments,
+    paths: Paths,
     points: Point,
     azimuth: Scalar,
     sun: Scalar,
 ) -> Float[Array, " w"]:
-    """Radiance of light scattered twice, over solar irradiance [1/sr]."""
+    """Radiance of light scattered once more, over solar irradiance [1/sr]."""
     _, modes, suns, _ = sources.shape
     up, along, aside = local_sun(points, azimuth, sun)
     sine = safe_sqrt(along**2 + aside**2)
@@ -178,6 +211,7 @@ def second_scattering(
     of_mode = chebyshev_basis(safe_divide(along, sine), modes)
     # One after the other: on a CPU five times as fast as with the product of both bases.
     at_sun = jnp.einsum("qu,qmuw->qmw", of_sun, sources)
-    radiance = jnp.einsum("qm,qmw->w", of_mode, at_sun)
+    dimming = twilight(paths, points.altitude, jnp.minimum(angle, moments.sun_limit))
+    radiance = jnp.einsum("qm,qmw->w", of_mode * dimming[:, None], at_sun)
     # Where the sun gives no light, interpolation may leave -1e-6 of what it gives by day.
     return jnp.maximum(radiance, 0.0)

@@ -1,6 +1,7 @@
 """Straight rays through a spherical or a flat atmosphere, and the columns along them."""
 
 import abc
+import math
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,6 +13,7 @@ from atmofit.typing import Reals, Scalar
 
 Bools = Bool[Array, "..."]
 
+_FARTHEST_TURN = math.radians(11.5)  # from the ground to 118 km along a level ray, and a margin
 _SMALLEST_COSINE = 1e-6  # of a ray in a flat atmosphere, which has no end at 0
 
 
@@ -33,6 +35,14 @@ class Point(eqx.Module):
 
 class Paths(eqx.Module):
     """Geometry of rays; cosines are those of the zenith angle at the ray's start."""
+
+    @abc.abstractmethod
+    def sun_limit(self, latest_sun: float) -> float:
+        """Largest local solar zenith angle that a view ray meets [rad].
+
+        Args:
+            latest_sun: Largest solar zenith angle at the observer [rad].
+        """
 
     @abc.abstractmethod
     def length_up(self, altitude: Reals, cosine: Reals, level: Reals) -> Reals:
@@ -95,6 +105,10 @@ class SphericalPaths(Paths):
 
     radius: float = eqx.field(static=True)
 
+    def sun_limit(self, latest_sun: float) -> float:
+        """The observer's and the largest angle turned on the way to the highest altitudes [rad]."""
+        return latest_sun + _FARTHEST_TURN
+
     def length_up(self, altitude: Reals, cosine: Reals, level: Reals) -> Reals:
         """Distance to a level at or above the start, on the way out [m]."""
         start = (self.radius + altitude) * cosine
@@ -155,6 +169,10 @@ class SphericalPaths(Paths):
 class FlatPaths(Paths):
     """Rays over a plane: the zenith is the same everywhere."""
 
+    def sun_limit(self, latest_sun: float) -> float:
+        """The horizon: over a plane, a sun below it gives no light [rad]."""
+        return math.pi / 2
+
     def length_up(self, altitude: Reals, cosine: Reals, level: Reals) -> Reals:
         """Distance to a level at or above the start [m]."""
         return (level - altitude) / _away_from_zero(cosine)
@@ -197,6 +215,26 @@ class FlatPaths(Paths):
     def _lowest(self, altitude: Reals, cosine: Reals, sine: Reals) -> tuple[Reals, Bools]:
         """A sinking ray always meets the ground."""
         return jnp.where(cosine < 0, 0.0, altitude), cosine < 0
+
+
+class PseudoSphericalPaths(FlatPaths):
+    """Sunlight comes through a spherical atmosphere, scattered light through a flat one.
+
+    Attributes:
+        sphere: The geometry of sunlight.
+    """
+
+    sphere: SphericalPaths
+
+    def sun_limit(self, latest_sun: float) -> float:
+        """The observer's: the sun is at the same place everywhere [rad]."""
+        return latest_sun
+
+    def sun_column(
+        self, profile: DensityProfile, altitude: Reals, cosine: Reals
+    ) -> tuple[Reals, Reals]:
+        """Column over vertical column toward the sun [-], and whether the sun is up (1 or 0)."""
+        return self.sphere.sun_column(profile, altitude, cosine)
 
 
 def _away_from_zero(cosine: Reals) -> Reals:

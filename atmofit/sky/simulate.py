@@ -15,15 +15,16 @@ from atmofit.geometry import DirectionGrid, Directions
 from atmofit.numerics import chebyshev_basis, chebyshev_nodes, chebyshev_transform
 from atmofit.optics.atmosphere import Atmosphere, Medium, optical_properties
 from atmofit.sky.look import (
+    LineOfSight,
+    diffuse_radiance,
+    diffuse_sources,
     line_of_sight,
-    second_scattering,
-    second_sources,
     single_scattering,
 )
 from atmofit.sky.luminance import LuminanceNodes, luminance_nodes
-from atmofit.sky.paths import FlatPaths, Paths, SphericalPaths
+from atmofit.sky.paths import FlatPaths, Paths, PseudoSphericalPaths, SphericalPaths
 from atmofit.sky.plan import ZENITH, Plan, plan_sky
-from atmofit.sky.sources import Moments, single_scattering_moments
+from atmofit.sky.sources import Moments, light_everywhere
 from atmofit.spectrum import Spectrum, at, check_wavelengths
 from atmofit.sun import solar_irradiance_spectrum
 from atmofit.typing import Reals, RealsLike, Scalar
@@ -33,6 +34,7 @@ T = TypeVar("T")
 _PAPER_LIMIT = math.radians(70.0)  # below, the 1999 paper takes the Earth as flat
 _RING_BATCH = 16  # directions worked on at a time, a compromise of memory and speed
 _NARROWEST_NM = 1.0  # of the interval on which wavelength nodes are laid
+HIGHEST_OBSERVER = 1e5  # [m]
 
 
 class SkyField(eqx.Module):
@@ -40,8 +42,8 @@ class SkyField(eqx.Module):
 
     Attributes:
         medium: Optical properties at the computed wavelengths.
-        moments: Single-scattered light everywhere, one table for each geometry; empty if one
-            order was asked for.
+        moments: Light that is scattered once more on the way to the observer, everywhere; for
+            each geometry one table, or one for each order; empty if one order was asked for.
         wavelength_nm: The wavelengths asked for [nm].
         paths: Geometries: one, or flat and spherical for "paper".
         plan: How it was computed. Static.
@@ -49,7 +51,7 @@ class SkyField(eqx.Module):
     """
 
     medium: Medium | None
-    moments: tuple[Moments, ...]
+    moments: tuple[tuple[Moments, ...], ...]
     wavelength_nm: Float[Array, " wavelength"]
     paths: tuple[Paths, ...]
     plan: Plan = eqx.field(static=True)
@@ -60,15 +62,18 @@ class SkyField(eqx.Module):
         solar_zenith_angle: RealsLike,
         directions: Directions | DirectionGrid,
         solar_irradiance: RealsLike | Spectrum | None = None,
+        observer_altitude: RealsLike = 0.0,
     ) -> Reals:
-        """Radiance of the sky at the ground.
+        """Radiance of the sky.
 
         Args:
-            solar_zenith_angle: 0 to pi/2 [rad], a number.
+            solar_zenith_angle: At the observer [rad], a number: 0 to 96 degrees if the planet is
+                round and the plan does not leave twilight out, else to 90 degrees.
             directions: A list or a grid, down to the horizon.
             solar_irradiance: At the top of the atmosphere [W m^-2 nm^-1], a number, one for each
                 wavelength, or a `Spectrum`; 1.0 gives radiance per irradiance [1/sr]; None: the
                 spectrum of the atmosphere's preset.
+            observer_altitude: 0 to 100,000 [m].
 
         Returns:
             Radiance [W m^-2 sr^-1 nm^-1], [direction, wavelength] for a list and
@@ -78,19 +83,59 @@ class SkyField(eqx.Module):
         Raises:
             ValueError: Sun or directions lie outside their range.
         """
-        sun = angle_in_range("solar_zenith_angle", solar_zenith_angle, 0.0, math.pi / 2)
+        by_order = self._by_order(
+            solar_zenith_angle, directions, solar_irradiance, observer_altitude
+        )
+        return by_order.sum(axis=0)
+
+    def radiance_by_order(
+        self,
+        solar_zenith_angle: RealsLike,
+        directions: Directions | DirectionGrid,
+        solar_irradiance: RealsLike | Spectrum | None = None,
+        observer_altitude: RealsLike = 0.0,
+    ) -> Reals:
+        """Radiance of each scattering order, on a new first axis.
+
+        Args:
+            solar_zenith_angle: This and all that follows as in `radiance`.
+            directions: A list or a grid.
+            solar_irradiance: At the top of the atmosphere.
+            observer_altitude: [m].
+
+        Raises:
+            ValueError: As `radiance`, or the plan was not made with `by_order=True`.
+        """
+        if not self.plan.by_order:
+            raise ValueError("plan must keep the orders apart: plan_sky(..., by_order=True)")
+        return self._by_order(solar_zenith_angle, directions, solar_irradiance, observer_altitude)
+
+    def _by_order(
+        self,
+        solar_zenith_angle: RealsLike,
+        directions: Directions | DirectionGrid,
+        solar_irradiance: RealsLike | Spectrum | None,
+        observer_altitude: RealsLike,
+    ) -> Reals:
+        """Radiance by order, or with one sum as its first axis."""
+        dtype = self.plan.dtype
+        sun = angle_in_range("solar_zenith_angle", solar_zenith_angle, 0.0, self.plan.latest_sun)
         if sun.ndim != 0:
             raise ValueError(
                 f"solar_zenith_angle must be one number (vmap over several), got shape {sun.shape}"
             )
+        observer = in_range("observer_altitude", observer_altitude, 0.0, HIGHEST_OBSERVER, "m")
         as_list = directions.as_list() if isinstance(directions, DirectionGrid) else directions
         as_list = as_list.checked()
         if self.plan.zenith_only:
             view = in_range("view_zenith_angle", as_list.view_zenith_angle, 0.0, ZENITH, "rad")
             as_list = Directions(view, as_list.relative_azimuth, as_list.rings)
         irradiance = self._irradiance(solar_irradiance)
-        values = _radiance(self, sun.astype(self.plan.dtype), _cast(as_list, self.plan.dtype))
-        return (values * irradiance[None, :]).reshape(*directions.shape, -1)
+        values = _radiance(
+            self, sun.astype(dtype), _cast(as_list, dtype), observer.astype(dtype).reshape(())
+        )
+        values = values * irradiance[None, None, :]
+        return values.reshape(values.shape[0], *directions.shape, -1)
 
     def luminance(
         self, solar_zenith_angle: RealsLike, directions: Directions | DirectionGrid
@@ -98,7 +143,7 @@ class SkyField(eqx.Module):
         """Luminance of the sky at the ground, under the sun of the atmosphere's preset.
 
         Args:
-            solar_zenith_angle: 0 to pi/2 [rad], a number.
+            solar_zenith_angle: As in `radiance` [rad], a number.
             directions: A list or a grid, down to the horizon.
 
         Returns:
@@ -138,7 +183,7 @@ class SkyField(eqx.Module):
 def solve_sky(
     atmosphere: Atmosphere,
     wavelength_nm: RealsLike | None,
-    orders: int = 2,
+    orders: int | str = 2,
     rtol: float = 1e-2,
     plan: Plan | None = None,
 ) -> SkyField:
@@ -148,7 +193,7 @@ def solve_sky(
         atmosphere: What the air is made of.
         wavelength_nm: Wavelengths [nm], a number or an increasing list, 200 to 3000. None with a
             plan for luminance, which brings its own.
-        orders: Scattering orders to sum, 1 or 2. Static.
+        orders: Scattering orders to sum, 1 to 20, or "all". Static.
         rtol: Promised relative error of luminance, 5e-4 to 1. Static.
         plan: From `plan_sky`; replaces `orders` and `rtol`. Static.
 
@@ -183,7 +228,7 @@ def simulate_sky(
     solar_zenith_angle: RealsLike,
     directions: Directions | DirectionGrid,
     wavelength_nm: RealsLike,
-    orders: int = 2,
+    orders: int | str = 2,
     rtol: float = 1e-2,
     solar_irradiance: RealsLike | Spectrum | None = None,
     plan: Plan | None = None,
@@ -200,7 +245,7 @@ def simulate_luminance(
     atmosphere: Atmosphere,
     solar_zenith_angle: RealsLike,
     directions: Directions | DirectionGrid,
-    orders: int = 2,
+    orders: int | str = 2,
     rtol: float = 1e-2,
     plan: Plan | None = None,
 ) -> Reals:
@@ -238,53 +283,80 @@ def _solve(atmosphere: Atmosphere, wavelength_nm: Float[Array, " w"], plan: Plan
     medium, moments = None, ()
     if atmosphere.molecules is not None or atmosphere.haze is not None:
         medium = optical_properties(atmosphere, _computed_wavelengths(wavelength_nm, plan))
-        if plan.orders > 1:
-            moments = tuple(single_scattering_moments(medium, p, plan.nodes) for p in paths)
+        if plan.orders != 1:
+            medium = medium.peaks_apart(plan.nodes.degrees, unscattered=not plan.counts_peaks)
+            moments = tuple(light_everywhere(medium, p, plan) for p in paths)
     return SkyField(medium, moments, wavelength_nm, paths, plan, atmosphere.preset)
 
 
 @eqx.filter_jit
 def _radiance(
-    field: SkyField, sun: Scalar, directions: Directions
-) -> Float[Array, "direction wavelength"]:
-    """Radiance over solar irradiance [1/sr]."""
+    field: SkyField, sun: Scalar, directions: Directions, observer: Scalar
+) -> Float[Array, "order direction wavelength"]:
+    """Radiance over solar irradiance [1/sr], by order or with one sum."""
     zenith = directions.view_zenith_angle
+    orders = field.plan.orders if field.plan.by_order else 1
     if field.medium is None:
-        return jnp.zeros((zenith.size, field.wavelength_nm.size), field.wavelength_nm.dtype)
-    values = [
-        _radiance_in(field, paths, field.moments[i : i + 1], sun, directions)
-        for i, paths in enumerate(field.paths)
-    ]
+        shape = (orders, zenith.size, field.wavelength_nm.size)
+        return jnp.zeros(shape, field.wavelength_nm.dtype)
+    values = [_radiance_in(field, i, sun, directions, observer) for i in range(len(field.paths))]
     computed = values[0]
     if len(values) > 1:
         low = (zenith < _PAPER_LIMIT) & (sun < _PAPER_LIMIT)
-        computed = jnp.where(low[:, None], values[0], values[1])
+        computed = jnp.where(low[None, :, None], values[0], values[1])
     return _to_asked_wavelengths(computed, field.medium.wavelength_nm, field.wavelength_nm)
 
 
 def _radiance_in(
-    field: SkyField, paths: Paths, moments: tuple[Moments, ...], sun: Scalar, directions: Directions
-) -> Float[Array, "direction w"]:
+    field: SkyField, geometry: int, sun: Scalar, directions: Directions, observer: Scalar
+) -> Float[Array, "order direction w"]:
     """Radiance in one geometry at the computed wavelengths, ring by ring."""
-    medium, nodes = field.medium, field.plan.nodes
+    medium, plan, paths = field.medium, field.plan, field.paths[geometry]
+    moments = field.moments[geometry] if field.moments else ()
     assert medium is not None
-    zenith, azimuth, order = _by_ring(directions)
+    zenith, azimuth, place = _by_ring(directions)
 
-    def of_ring(ring: tuple[Scalar, Float[Array, " azimuth"]]) -> Float[Array, "azimuth w"]:
+    def of_ring(ring: tuple[Scalar, Float[Array, " azimuth"]]) -> Float[Array, "azimuth order w"]:
         view, azimuths = ring
-        sight = line_of_sight(medium, paths, view, nodes.view, free_path=True)
-        total = jax.vmap(lambda a: single_scattering(medium, paths, sight, view, a, sun))(azimuths)
-        for table in moments:
-            sight = line_of_sight(medium, paths, view, nodes.view_second, free_path=False)
-            sources = second_sources(medium, table, sight, nodes)
-            total = total + jax.vmap(
-                lambda a: second_scattering(sources, table, sight.points, a, sun)  # noqa: B023
-            )(azimuths)
-        return total
+        count = plan.nodes.view
+        sight = line_of_sight(medium, paths, observer, view, count, free_path=True)
+        single = jax.vmap(lambda a: single_scattering(medium, paths, sight, view, a, sun, plan))(
+            azimuths
+        )
+        count = plan.nodes.view_second
+        sight = line_of_sight(medium, paths, observer, view, count, free_path=False)
+        diffuse = [_diffuse(medium, paths, table, sight, azimuths, sun) for table in moments]
+        return _gather_orders(single, diffuse, plan)
 
     batch = max(1, _RING_BATCH // azimuth.shape[1])
     values = jax.lax.map(of_ring, (zenith, azimuth), batch_size=batch)
-    return values.reshape(-1, values.shape[-1])[order]
+    values = values.reshape(-1, *values.shape[2:])[place]
+    return jnp.moveaxis(values, 1, 0)
+
+
+def _diffuse(
+    medium: Medium, paths: Paths, table: Moments, sight: LineOfSight, azimuths: Reals, sun: Scalar
+) -> Float[Array, "azimuth w"]:
+    """Radiance from one table of moments along one ring."""
+    sources = diffuse_sources(medium, table, sight)
+    return jax.vmap(lambda a: diffuse_radiance(sources, table, paths, sight.points, a, sun))(
+        azimuths
+    )
+
+
+def _gather_orders(
+    single: tuple[Reals, ...], diffuse: list[Reals], plan: Plan
+) -> Float[Array, "azimuth order w"]:
+    """Orders apart, or their sum."""
+    if not plan.by_order:
+        parts = [*single, *diffuse]
+        return sum(parts[1:], parts[0])[:, None]
+    orders = [jnp.zeros_like(single[0])] * int(plan.orders)
+    for order, part in enumerate(single):
+        orders[order] = orders[order] + part
+    for order, part in enumerate(diffuse, 1):
+        orders[order] = orders[order] + part
+    return jnp.stack(orders, axis=1)
 
 
 def _by_ring(
@@ -318,10 +390,10 @@ def _interval(wavelength_nm: Float[Array, " w"]) -> tuple[Scalar, Scalar]:
 
 
 def _to_asked_wavelengths(
-    computed: Float[Array, "direction n"],
+    computed: Float[Array, "order direction n"],
     nodes_nm: Float[Array, " n"],
     wavelength_nm: Float[Array, " w"],
-) -> Float[Array, "direction w"]:
+) -> Float[Array, "order direction w"]:
     """Interpolate log radiance by the polynomial in wavelength^-2 through the nodes."""
     if nodes_nm.size == wavelength_nm.size:
         return computed
@@ -340,10 +412,12 @@ def _interpolate_log(computed: Reals, matrix: Float[Array, "w n"]) -> Reals:
 
 
 def _paths(atmosphere: Atmosphere) -> tuple[Paths, ...]:
-    """Flat, spherical or, for "paper", both."""
-    every = {"flat": FlatPaths(), "spherical": SphericalPaths(atmosphere.radius)}
-    names = ("flat", "spherical") if atmosphere.geometry == "paper" else (atmosphere.geometry,)
-    return tuple(every[name] for name in names)
+    """One geometry, or for "paper" flat and spherical."""
+    flat, sphere = FlatPaths(), SphericalPaths(atmosphere.radius)
+    if atmosphere.geometry == "paper":
+        return (flat, sphere)
+    pseudo = PseudoSphericalPaths(sphere)
+    return ({"flat": flat, "spherical": sphere, "pseudo-spherical": pseudo}[atmosphere.geometry],)
 
 
 def _check_spectra(atmosphere: Atmosphere, wavelength_nm: Float[Array, " w"]) -> None:

@@ -1,8 +1,12 @@
-"""The light that is about to be scattered a second time.
+"""The light that is about to be scattered once more.
 
 At every altitude and local solar zenith angle, single-scattered radiance is computed in all
-directions, exactly, and kept as moments of the spherical harmonics. No sun and no view direction
-is needed: all of them share these tables.
+directions, exactly, and kept as moments of the spherical harmonics; the orders above it are added
+(`sky.orders`). No sun and no view direction is needed: all of them share these tables.
+
+A forward peak that the moments do not resolve counts as light that goes straight on. Where all
+orders are summed, the extinction leaves it out; where they are counted, it is followed along the
+straight ways, of sunlight here and to the observer in `sky.look` (`forward_factors`).
 """
 
 import math
@@ -13,7 +17,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from atmofit.geometry import scattering_angle
 from atmofit.numerics import (
     chebyshev_nodes,
     chebyshev_transform,
@@ -23,13 +26,16 @@ from atmofit.numerics import (
     safe_sqrt,
 )
 from atmofit.optics.atmosphere import Medium
+from atmofit.sky.orders import Light, all_higher_orders, next_orders, transport
 from atmofit.sky.paths import FlatPaths, Paths, Point, SphericalPaths, stretched
-from atmofit.sky.plan import Nodes
+from atmofit.sky.plan import Nodes, Plan
+from atmofit.sky.sun_angles import TWILIGHT_WIDTH, sun_ends, sun_nodes
 from atmofit.typing import Reals, Scalar
 
-_SUN_LIMIT = {True: math.pi / 2, False: math.radians(101.5)}  # flat or not: what a view ray meets
-_DARKEST = 1e-12  # of the brightest altitude; below, there is nothing worth following
-_TWILIGHT_WIDTH = math.radians(3.5)  # sun angles are dense within this of the horizon
+_TWILIGHT_BEGINS = math.radians(0.5)
+_TWILIGHT_EDGE = math.radians(1.0)
+_TWILIGHT_FALL = math.log(10) / math.radians(3.0)
+_DARKEST = 1e-12  # of the brightest place; below, there is nothing worth following
 
 
 class Moments(eqx.Module):
@@ -37,11 +43,13 @@ class Moments(eqx.Module):
 
     Attributes:
         coefficients: [altitude, mode, degree, sun, wavelength], over the brightness.
-        log_brightness: Coefficients of the logarithm of the mean radiance over directions and
-            suns, in units of solar irradiance, [altitude, wavelength]. In thick haze it falls by
-            powers of ten to the ground; what is left after division is smooth.
+        log_brightness: Coefficients of the logarithm of all tables' mean radiance over
+            directions and suns, in units of solar irradiance, [altitude, wavelength]. In thick
+            haze it falls by powers of ten to the ground; what is left after division by it and
+            by `twilight` is smooth.
         top, scale: Of the altitude coordinate [m].
         sun_limit: Largest local solar zenith angle [rad]. Static.
+        whole: Whether the forward peaks take part in the next scattering. Static.
     """
 
     coefficients: Float[Array, "z m l sun w"]
@@ -49,6 +57,7 @@ class Moments(eqx.Module):
     top: Scalar
     scale: Scalar
     sun_limit: float = eqx.field(static=True)
+    whole: bool = eqx.field(static=True)
 
 
 class Fan(eqx.Module):
@@ -69,51 +78,136 @@ class Fan(eqx.Module):
     to_ground: int = eqx.field(static=True)
 
 
-def single_scattering_moments(medium: Medium, paths: Paths, nodes: Nodes) -> Moments:
-    """Moments of the single-scattered light everywhere, for every sun.
+def light_everywhere(medium: Medium, paths: Paths, plan: Plan) -> tuple[Moments, ...]:
+    """Moments of the light that arrives everywhere, for every sun.
 
     Args:
         medium: Optical properties; at least one scatterer.
         paths: The geometry.
-        nodes: How many of everything. Static.
+        plan: Orders and nodes; two orders or more. Static.
+
+    Returns:
+        One table of all orders; or of the first order, whose forward peak is met again in
+        `look.single_scattering`, and of the sum of those above it, or of each.
     """
-    flat = isinstance(paths, FlatPaths)
+    nodes = plan.nodes
     dtype = medium.extinction.dtype
-    top, scale = medium.top, medium.scale
     unit = jnp.asarray((chebyshev_nodes(nodes.altitude) + 1) / 2, dtype)
-    altitude, _ = stretched(unit, top, scale)
-    sun = _sun_nodes(nodes.sun, _SUN_LIMIT[flat])
+    altitude, _ = stretched(unit, medium.top, medium.scale)
+    limit = paths.sun_limit(plan.latest_sun)
+    sun = sun_nodes(nodes.sun, limit)
 
-    def at_altitude(z: Scalar) -> Float[Array, "m l sun w"]:
-        return _moments_at(medium, paths, z, _fan(paths, z, top, scale, nodes), sun, nodes)
+    def at_altitude(z: Scalar) -> tuple[Light, ...]:
+        fan = _fan(paths, z, medium.top, medium.scale, nodes)
+        return _light_at(medium, paths, z, fan, sun, plan)
 
-    values = jax.lax.map(at_altitude, altitude)
-    to_altitude = jnp.asarray(chebyshev_transform(nodes.altitude), dtype)
-    to_sun = jnp.asarray(chebyshev_transform(nodes.sun), dtype)
-    brightness = values[:, 0, 0].mean(axis=1)
+    injected = jax.lax.map(at_altitude, altitude)
+    injected = tuple(Light(each.moments, each.irradiance[0]) for each in injected)
+    first = injected[0].moments
+    higher = _higher_orders(medium, paths, altitude, injected, plan)
+    if isinstance(plan.orders, str):
+        every, whole = [_added(first, higher[0])], [False]
+    else:
+        if not plan.by_order and higher:
+            higher = [sum(higher[1:], higher[0])]
+        every, whole = [first, *higher], [False] + [True] * len(higher)
+    if plan.zenith_only:
+        every = [moments[:, :, :, :1] for moments in every]
+    brightness = sum((moments[:, :, 0, 0] for moments in every[1:]), every[0][:, :, 0, 0])
+    brightness = brightness.mean(axis=-1)
+    dimming = twilight(paths, altitude[:, None], jnp.asarray(sun, dtype)[None, :])
+    return tuple(
+        _table(moments, brightness, dimming, medium, limit, both)
+        for moments, both in zip(every, whole, strict=True)
+    )
+
+
+def _higher_orders(
+    medium: Medium, paths: Paths, altitude: Reals, injected: tuple[Light, ...], plan: Plan
+) -> list[Reals]:
+    """Moments of each order above the first, or of their sum if all are asked for."""
+    if plan.orders == 2:
+        return []
+    nodes = plan.nodes
+    degrees, modes = nodes.higher_degrees, nodes.higher_modes
+    limit = paths.sun_limit(plan.latest_sun)
+    step = transport(medium, paths, altitude, nodes, limit, plan.counts_peaks)
+    begin = tuple(Light(each.moments[:, :, :degrees, :modes], each.irradiance) for each in injected)
+    if isinstance(plan.orders, str):
+        return [all_higher_orders(step, begin[0], nodes.steps).moments]
+    return [light.moments for light in next_orders(step, begin, plan.arriving_orders)[1:]]
+
+
+def _added(whole: Reals, part: Reals) -> Reals:
+    """Moments plus those of fewer degrees and modes."""
+    _, _, degrees, modes, _ = part.shape
+    return whole.at[:, :, :degrees, :modes].add(part)
+
+
+def _table(
+    moments: Float[Array, "z w l m sun"],
+    brightness: Float[Array, "z w"],
+    dimming: Float[Array, "z sun"],
+    medium: Medium,
+    limit: float,
+    whole: bool,
+) -> Moments:
+    """Chebyshev coefficients of moments over brightness, and of the logarithm of brightness."""
+    values = jnp.transpose(moments, (0, 3, 2, 4, 1))
+    dtype = values.dtype
+    to_altitude = jnp.asarray(chebyshev_transform(values.shape[0]), dtype)
+    to_sun = jnp.asarray(chebyshev_transform(values.shape[3]), dtype)
     brightest = brightness.max(axis=0, keepdims=True)
     brightness = jnp.maximum(brightness, _DARKEST * brightest + jnp.finfo(dtype).tiny)
     # Without any light, a tiny brightness would make slopes overflow.
-    brightness = jnp.where(brightest == 0, 1.0, brightness)
-    relative = safe_divide(values, brightness[:, None, None, None, :])
+    brightness = jnp.where(brightest <= 0, 1.0, brightness)
+    # One after the other, since their product may be too small to divide by.
+    relative = (
+        safe_divide(values, brightness[:, None, None, None]) / dimming[:, None, None, :, None]
+    )
     in_sun = jnp.einsum("zmlsw,ks->zmlkw", relative, to_sun)
     coefficients = jnp.einsum("zmlkw,jz->jmlkw", in_sun, to_altitude)
     logarithm = to_altitude @ jnp.log(brightness)
-    return Moments(coefficients, logarithm, top, scale, _SUN_LIMIT[flat])
+    return Moments(coefficients, logarithm, medium.top, medium.scale, limit, whole)
+
+
+def twilight(paths: Paths, altitude: Reals, sun: Reals) -> Reals:
+    """Roughly how light falls with the sun below its horizon, 1 above it.
+
+    Half a degree beyond, by a third of a power of ten for each degree: what is left of a clear
+    twilight after division by it varies little.
+
+    Args:
+        paths: The geometry.
+        altitude: [m].
+        sun: Local solar zenith angle [rad]. Both broadcast.
+    """
+    dip = jnp.arcsin(jnp.maximum(-paths.horizon_cosine(altitude), 0.0))
+    beyond = sun - math.pi / 2 - dip - _TWILIGHT_BEGINS
+    return jnp.exp(-_TWILIGHT_FALL * jax.nn.softplus(beyond / _TWILIGHT_EDGE) * _TWILIGHT_EDGE)
+
+
+def forward_factors(deflected: Reals, orders: int) -> tuple[Reals, ...]:
+    """What forward peaks make of light, order by order, over light that met nothing.
+
+    Args:
+        deflected: Optical depth of forward peaks on the way.
+        orders: How many. Static.
+
+    Returns:
+        Terms of the exponential series, the first is 1.
+    """
+    terms = [jnp.ones_like(deflected)]
+    for order in range(1, orders):
+        terms.append(terms[-1] * deflected / order)
+    return tuple(terms)
 
 
 def sun_place(sun: Reals, limit: float) -> Reals:
     """Coordinate from -1 to 1 of a solar zenith angle [rad], stretched about the horizon."""
-    low, high = (math.asinh((end - math.pi / 2) / _TWILIGHT_WIDTH) for end in (0.0, limit))
-    stretch = jnp.arcsinh((sun - math.pi / 2) / _TWILIGHT_WIDTH)
+    low, high = sun_ends(limit)
+    stretch = jnp.arcsinh((sun - math.pi / 2) / TWILIGHT_WIDTH)
     return jnp.clip(2 * (stretch - low) / (high - low) - 1, -1.0, 1.0)
-
-
-def _sun_nodes(count: int, limit: float) -> np.ndarray:
-    """Solar zenith angles [rad] at the Chebyshev nodes of `sun_place`."""
-    low, high = (math.asinh((end - math.pi / 2) / _TWILIGHT_WIDTH) for end in (0.0, limit))
-    unit = (chebyshev_nodes(count) + 1) / 2
-    return math.pi / 2 + _TWILIGHT_WIDTH * np.sinh(low + (high - low) * unit)
 
 
 def _fan(paths: Paths, z: Scalar, top: Scalar, scale: Scalar, nodes: Nodes) -> Fan:
@@ -167,32 +261,38 @@ def _passing_steps(
     return distance, jnp.concatenate([down * ws, slope * ws], axis=1)
 
 
-def _moments_at(
-    medium: Medium, paths: Paths, z: Scalar, fan: Fan, sun: np.ndarray, nodes: Nodes
-) -> Float[Array, "m l sun w"]:
-    """Moments of the light that arrives along all rays of the fan, for every sun."""
-    dtype = z.dtype
+def _light_at(
+    medium: Medium, paths: Paths, z: Scalar, fan: Fan, sun: np.ndarray, plan: Plan
+) -> tuple[Light, ...]:
+    """Light of sunlight scattered once, for every term of `forward_factors`."""
+    dtype, nodes = z.dtype, plan.nodes
     azimuth = math.pi * (np.arange(nodes.azimuth) + 0.5) / nodes.azimuth
     sine = safe_sqrt(1 - fan.cosine**2)
-    angle = scattering_angle(
-        jnp.arctan2(sine, fan.cosine)[None, None, :],
-        jnp.asarray(azimuth, dtype)[:, None, None],
-        jnp.asarray(sun, dtype)[None, :, None],
-    )
+    cosine = _axis(np.cos(sun), 1, dtype) * fan.cosine[None, None, :, None]
+    across = _axis(np.cos(azimuth), 0, dtype) * _axis(np.sin(sun), 1, dtype)
+    cosine = jnp.clip(cosine + across * sine[None, None, :, None], -1.0, 1.0)[..., 0]
+    phases = medium.smooth_phase_functions(cosine, nodes.degrees)
     bend, spread = _bend(paths, azimuth, nodes.bend)
-    gathered, from_ground = _along_rays(medium, paths, z, fan, sun, bend)
     to_azimuth = jnp.asarray(spread, dtype)
-    radiance = jnp.zeros((*angle.shape, medium.wavelength_nm.size), dtype)
-    for phase, part in zip(medium.phase_functions(angle), gathered, strict=True):
-        radiance = radiance + phase * jnp.tensordot(to_azimuth, part, 1)
-    if from_ground is not None:
-        reflected = jnp.tensordot(to_azimuth, from_ground, 1)
-        radiance = radiance.at[:, :, -fan.to_ground :].add(reflected)
-    modes = np.arange(nodes.modes)[:, None]
+    modes = np.arange(plan.modes)[:, None]
     to_modes = np.cos(modes * azimuth[None, :]) * 2 * math.pi / nodes.azimuth
-    in_modes = jnp.tensordot(jnp.asarray(to_modes, dtype), radiance, 1)
-    y = harmonics(fan.cosine, sine, nodes.degrees, nodes.modes) * fan.weight[:, None, None]
-    return jnp.einsum("rlm,msrw->mlsw", y, in_modes)
+    onto = harmonics(fan.cosine, sine, nodes.degrees, plan.modes) * fan.weight[:, None, None]
+    down = jnp.maximum(fan.cosine, 0.0) * fan.weight
+
+    def light(gathered: list[Reals], from_ground: Reals | None) -> Light:
+        radiance = jnp.zeros((*cosine.shape, medium.wavelength_nm.size), dtype)
+        for phase, part in zip(phases, gathered, strict=True):
+            radiance = radiance + phase * jnp.tensordot(to_azimuth, part, 1)
+        if from_ground is not None:
+            reflected = jnp.tensordot(to_azimuth, from_ground, 1)
+            radiance = radiance.at[:, :, -fan.to_ground :].add(reflected)
+        in_modes = jnp.tensordot(jnp.asarray(to_modes, dtype), radiance, 1)
+        return Light(
+            jnp.einsum("rlm,msrw->wlms", onto, in_modes),
+            jnp.einsum("r,srw->ws", down, in_modes[0]),
+        )
+
+    return tuple(light(*each) for each in _along_rays(medium, paths, z, fan, sun, bend, plan))
 
 
 def _bend(paths: Paths, azimuth: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -204,28 +304,32 @@ def _bend(paths: Paths, azimuth: np.ndarray, count: int) -> tuple[np.ndarray, np
 
 
 def _along_rays(
-    medium: Medium, paths: Paths, z: Scalar, fan: Fan, sun: np.ndarray, bend: np.ndarray
-) -> tuple[list[Reals], Reals | None]:
+    medium: Medium, paths: Paths, z: Scalar, fan: Fan, sun: np.ndarray, bend: np.ndarray, plan: Plan
+) -> list[tuple[list[Reals], Reals | None]]:
     """Path integrals of density times sunlight for each scatterer, and light from the ground.
 
-    Each is [bend, sun, ray, wavelength], without phase function and scattering optical depth.
+    Each is [bend, sun, ray, wavelength], without phase function and scattering optical depth; one
+    pair for every term of `forward_factors`.
     """
     cosine = fan.cosine[:, None]
     start = jnp.broadcast_to(z, cosine.shape)
     point = paths.advance(start, cosine, safe_sqrt(1 - cosine**2), fan.distance)
-    sunlight, _ = _sunlight(medium, paths, start, cosine, point, sun, bend)
+    sunlight, _ = _sunlight(medium, paths, start, cosine, point, sun, bend, plan)
+    weights = [fan.length * p.density(point.altitude) for p in medium.scattering_profiles]
     gathered = [
-        jnp.einsum("bsrqw,rq->bsrw", sunlight, fan.length * profile.density(point.altitude))
-        for profile in medium.scattering_profiles
+        [jnp.einsum("bsrqw,rq->bsrw", term, weight) for weight in weights] for term in sunlight
     ]
-    if medium.ground_albedo is None:
-        return gathered, None
+    albedo = medium.ground_albedo
+    if albedo is None:
+        return [(each, None) for each in gathered]
     cosine, start = cosine[-fan.to_ground :], start[-fan.to_ground :]
     length = paths.length_to_ground(start, cosine)
     floor = paths.advance(start, cosine, safe_sqrt(1 - cosine**2), length)
-    sunlight, sun_cosine = _sunlight(medium, paths, start, cosine, floor, sun, bend)
-    reflected = sunlight * jnp.maximum(sun_cosine, 0.0)[..., None] / math.pi
-    return gathered, reflected[..., 0, :] * medium.ground_albedo[None, None, None, :]
+    at_floor, sun_cosine = _sunlight(medium, paths, start, cosine, floor, sun, bend, plan)
+    reflected = jnp.maximum(sun_cosine, 0.0)[..., None] / math.pi * albedo[None, None, None, None]
+    return [
+        (each, (term * reflected)[..., 0, :]) for each, term in zip(gathered, at_floor, strict=True)
+    ]
 
 
 def _sunlight(
@@ -236,8 +340,12 @@ def _sunlight(
     point: Point,
     sun: np.ndarray,
     bend: np.ndarray,
-) -> tuple[Float[Array, "b s r q w"], Float[Array, "b s r q"]]:
-    """Transmittance from the sun to a point and on to the ray's start; the sun's local cosine."""
+    plan: Plan,
+) -> tuple[tuple[Float[Array, "b s r q w"], ...], Float[Array, "b s r q"]]:
+    """Transmittance from the sun to a point and on to the ray's start; the sun's local cosine.
+
+    The transmittance times every term of `forward_factors`.
+    """
     dtype = cosine.dtype
     sun_cosine = (
         _axis(np.cos(sun), 1, dtype) * point.turn_cosine[None, None]
@@ -245,13 +353,18 @@ def _sunlight(
     )
     here = jnp.broadcast_to(point.altitude[None, None], sun_cosine.shape)
     sine = safe_sqrt(1 - cosine**2)
-    columns, up = [], jnp.ones_like(sun_cosine)
+    toward_sun, columns, up = [], [], jnp.ones_like(sun_cosine)
     for profile in medium.profiles:
-        toward_sun, up = paths.sun_column(profile, here, sun_cosine)
+        column, up = paths.sun_column(profile, here, sun_cosine)
+        toward_sun.append(column)
         toward_start = paths.column_between(profile, start, cosine, sine, point)
-        columns.append(toward_sun + toward_start[None, None])
-    depth = jnp.stack(columns, axis=-1) @ medium.extinction
-    return jnp.exp(-depth) * up[..., None], sun_cosine
+        columns.append(column + toward_start[None, None])
+    sunlight = jnp.exp(-(jnp.stack(columns, axis=-1) @ medium.extinction)) * up[..., None]
+    deflected = medium.deflected(jnp.stack(toward_sun, axis=-1))
+    if deflected is None or not plan.counts_peaks:
+        return (sunlight,), sun_cosine
+    terms = forward_factors(deflected, plan.arriving_orders)
+    return tuple(sunlight * factor for factor in terms), sun_cosine
 
 
 def _axis(values: np.ndarray, axis: int, dtype: jnp.dtype) -> Float[Array, "b s r q"]:

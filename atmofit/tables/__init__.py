@@ -110,6 +110,19 @@ class ColourMatching:
     xyz: np.ndarray
 
 
+@dataclasses.dataclass(frozen=True)
+class ExponentialFit:
+    """Layers in each of which a density is exponential.
+
+    Attributes:
+        base: Altitude where each begins [m], shape [layer].
+        scale_height: Of the density [m], shape [layer].
+    """
+
+    base: np.ndarray
+    scale_height: np.ndarray
+
+
 @functools.cache
 def preetham1999_phase() -> Phase:
     """Table 1 of the paper."""
@@ -189,6 +202,16 @@ def cie1931_2deg() -> ColourMatching:
     return ColourMatching(
         wavelength_nm=_frozen(_column(rows, "wavelength_nm")),
         xyz=_frozen(np.stack(curves, axis=-1)),
+    )
+
+
+@functools.cache
+def us_standard_1976_layers() -> ExponentialFit:
+    """The density of the US Standard Atmosphere 1976, fitted by exponential layers."""
+    rows = _rows("us_standard_1976_layers.csv")
+    return ExponentialFit(
+        base=_frozen(_column(rows, "base")),
+        scale_height=_frozen(_column(rows, "scale_height")),
     )
 
 

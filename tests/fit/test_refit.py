@@ -145,7 +145,7 @@ def test_dictionary_has_every_number(result):
         ({"solar_zenith_angle_deg": (0.0, 20.0, 40.0, 95.0)}, "suns must be .* got 95"),
         ({"wavelength_nm": (300.0, 500.0)}, "wavelength_nm must be .* got 300"),
         ({"rtol": -1.0}, r"rtol must be between 0\.0005 and 1, got -1"),
-        ({"orders": 3}, "orders must be 1 or 2, got 3"),
+        ({"orders": 21}, 'orders must be 1 to 20 or "all", got 21'),
         ({"geometry": "round"}, "geometry must be one of .* got .round"),
         ({"dtype": "float16"}, "dtype must be one of"),
         ({"weighting": "none"}, "weighting must be one of"),

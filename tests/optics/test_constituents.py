@@ -107,7 +107,10 @@ def test_impossible_values_are_refused(part, message):
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
-        ({"geometry": "cube"}, 'geometry must be one of "spherical", "flat", "paper", got'),
+        (
+            {"geometry": "cube"},
+            'geometry must be one of "spherical", "pseudo-spherical", "flat", "paper", got',
+        ),
         ({"preset": "moon"}, 'preset must be one of "preetham1999", "standard", got'),
         ({"radius": 1.0}, "radius must be between 100000 and 1e.09 m, got 1"),
     ],

@@ -1,4 +1,4 @@
-"""Flat skies against the closed form and against successive orders of another code."""
+"""Flat skies against the closed form, successive orders of another code, and nanodisort."""
 
 import equinox as eqx
 import jax
@@ -110,3 +110,42 @@ def test_single_scattering(first_order, letters, rtol):
 def test_second_order_alone(second_order, letters, rtol):
     error, case = _largest_error(second_order, "sos_order2", letters)
     assert error < rtol, case
+
+
+@pytest.fixture(scope="module")
+def orders_apart():
+    """Five orders of a and b; `wanted` keeps the compiled programs few."""
+    wanted = ("a_0.3", "b_0.1", "b_0.5")
+
+    def plan(atmosphere):
+        return af.plan_sky(atmosphere, orders=5, rtol=2e-3, by_order=True)
+
+    found = {}
+    for key, columns in groups(TABLE).items():
+        if key[0] in wanted:
+            atmosphere = _atmosphere(columns)
+            field = af.solve_sky(atmosphere, [550.0], plan=plan(atmosphere))
+            sky = field.radiance_by_order(np.radians(key[1]), directions(columns), 1.0)
+            found[key] = (np.asarray(sky)[:, :, 0], columns)
+    return found
+
+
+@pytest.mark.parametrize("order", [3, 4, 5])
+def test_third_to_fifth_order_alone(orders_apart, order):
+    for key, (values, columns) in orders_apart.items():
+        error = np.abs(values[order - 1] / columns[f"sos_order{order}"] - 1).max()
+        assert error < 1e-2, key
+
+
+@pytest.mark.parametrize(
+    ("cases", "rtol", "promise"),
+    [(("a",), 2e-3, 3e-3), (("b", "c", "e"), 2e-3, 7e-3), (("f_0.1_", "f_1_"), 5e-4, 7e-3)],
+    ids=["air", "with haze, ground or absorbers", "sharp haze alone"],
+)
+def test_all_orders(cases, rtol, promise):
+    found = _simulate(
+        lambda a: af.plan_sky(a, orders="all", rtol=rtol), lambda case: case.startswith(cases)
+    )
+    assert len(found) >= 4
+    for key, (value, columns) in found.items():
+        assert np.abs(value / columns["nanodisort"] - 1).max() < promise, key

@@ -7,6 +7,7 @@ from reference.data import directions, groups, needs
 import atmofit as af
 
 SINGLE, MONTE_CARLO = "spherical_sky_radiance.csv", "spherical_monte_carlo.csv"
+DAY = (60.0, 80.0, 88.0)
 pytestmark = [pytest.mark.reference, pytest.mark.slow]
 
 
@@ -42,12 +43,42 @@ def test_single_scattering():
         assert error < 3e-4, case
 
 
+@pytest.fixture(scope="module")
+def orders_apart():
+    """Four orders of each case and sun by day; the first order is exact, see above."""
+    found = {}
+    for key, columns in groups(MONTE_CARLO).items():
+        if key[1] in DAY and key[0] in ("d_0.1_0.1", "d_0.1_0.1_A0.3"):
+            found[key] = columns
+    skies = {}
+    for case in sorted({key[0] for key in found}):
+        air = _atmosphere(case)
+        plan = af.plan_sky(
+            air, solar_zenith_angle=np.radians(DAY), orders=4, rtol=5e-4, by_order=True
+        )
+        field = af.solve_sky(air, [550.0], plan=plan)
+        for key, columns in found.items():
+            if key[0] == case:
+                sky = field.radiance_by_order(np.radians(key[1]), directions(columns), 1.0)
+                skies[key] = (np.asarray(sky)[:, :, 0], columns)
+    return skies
+
+
 @needs(MONTE_CARLO)
-def test_second_order_alone():
-    suns = (60.0, 80.0)
-    one, both = (_simulate(MONTE_CARLO, suns, orders, 1e-3) for orders in (1, 2))
-    for case, (value, columns) in both.items():
-        reference = columns["order2"]
-        room = 3 * columns["order2_stderr"] + 5e-3 * reference
-        excess = np.abs(value - one[case][0] - reference) / room
-        assert excess.max() < 1, case
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_each_order_by_day(orders_apart, order):
+    for key, (values, columns) in orders_apart.items():
+        reference, noise = columns[f"order{order}"], columns[f"order{order}_stderr"]
+        excess = np.abs(values[order - 1] - reference) / (3 * noise + 5e-3 * reference)
+        assert excess.max() < 1, key
+
+
+@needs(MONTE_CARLO)
+def test_all_orders_to_civil_twilight():
+    skies = _simulate(MONTE_CARLO, (*DAY, 92.0, 96.0), "all", 2e-3)
+    assert len(skies) == 20
+    for key, (value, columns) in skies.items():
+        reference = columns["total"]
+        room = 5e-3 if key[1] <= 88 else 3.5e-2
+        excess = np.abs(value - reference) / (3 * columns["total_stderr"] + room * reference)
+        assert excess.max() < 1, key

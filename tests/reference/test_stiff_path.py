@@ -19,7 +19,7 @@ from atmofit.optics.phase import HenyeyGreenstein
 from atmofit.optics.profiles import Profile
 from atmofit.sky.look import line_of_sight, single_scattering
 from atmofit.sky.paths import FlatPaths, SphericalPaths
-from atmofit.sky.plan import LADDER
+from atmofit.sky.plan import LADDER, plan_sky
 
 pytestmark = pytest.mark.reference
 AZIMUTH = 0.5
@@ -49,6 +49,7 @@ GLOW = [
 ]
 CASES = [(True, *case) for case in SUN] + [(False, *case) for case in GLOW]
 RUNGS = (1e-2, 2e-3)
+PLAN = plan_sky(Atmosphere(), orders=1)
 GEOMETRIES = {"flat": FlatPaths(), "spherical": SphericalPaths(RADIUS)}
 
 
@@ -61,8 +62,9 @@ def ours(optical_depth, view, sun, sunlit, geometry, count):
         profile = Profile(ALTITUDE, DENSITY)
         cloud = Haze(optical_depth, 0.0, profile=profile, phase=HenyeyGreenstein(0.0))
         medium = optical_properties(Atmosphere(haze=cloud), jnp.array([550.0]))
-        sight = line_of_sight(medium, paths, view, count, free_path=True)
-        once = single_scattering(medium, paths, sight, view, jnp.asarray(AZIMUTH), sun)[0]
+        sight = line_of_sight(medium, paths, jnp.zeros(()), view, count, free_path=True)
+        azimuth = jnp.asarray(AZIMUTH)
+        once = single_scattering(medium, paths, sight, view, azimuth, sun, PLAN)[0][0]
         z = sight.points.altitude
         reaching = jnp.exp(-(sight.columns @ medium.extinction)[:, 0])
         source = optical_depth * medium.profiles[0].density(z) * jnp.exp(-z / 1e3)
@@ -117,7 +119,9 @@ def test_an_opaque_layer_lets_no_light_through(geometry):
 def _overhead():
     cloud = Haze(1.0, 0.0, profile=Profile(ALTITUDE, DENSITY))
     medium = optical_properties(Atmosphere(haze=cloud), jnp.array([550.0]))
-    return line_of_sight(medium, FlatPaths(), jnp.asarray(0.0), 32, free_path=True)
+    return line_of_sight(
+        medium, FlatPaths(), jnp.asarray(0.0), jnp.asarray(0.0), 32, free_path=True
+    )
 
 
 def test_kinks_are_edges_of_panels():

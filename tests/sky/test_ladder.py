@@ -24,8 +24,12 @@ def test_the_ladder_is_what_is_stored():
 
 @pytest.mark.parametrize("rtol", FINEST_FIRST)
 def test_plans_take_the_stored_nodes(rtol):
-    plan = af.plan_sky(af.Atmosphere.from_turbidity(2.0), rtol=rtol)
+    air = af.Atmosphere.from_turbidity(2.0)
+    plan = af.plan_sky(air, solar_zenith_angle=1.5, rtol=rtol)
     assert (plan.rtol, plan.nodes) == (rtol, LADDER[rtol])
+    twilight = af.plan_sky(air, rtol=rtol)
+    assert twilight.nodes == dataclasses.replace(LADDER[rtol], sun=twilight.nodes.sun)
+    assert twilight.nodes.sun >= 1.3 * plan.nodes.sun
 
 
 @pytest.mark.parametrize("dtype", DTYPES)

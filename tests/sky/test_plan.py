@@ -53,13 +53,15 @@ def test_a_printed_plan_says_what_is_left_out():
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
-        ({"orders": 3}, "orders must be 1 or 2, got 3"),
-        ({"orders": 0}, "orders must be 1 or 2, got 0"),
+        ({"orders": 21}, 'orders must be 1 to 20 or "all", got 21'),
+        ({"orders": 0}, 'orders must be 1 to 20 or "all", got 0'),
+        ({"orders": "many"}, "orders must be 1 to 20 or \"all\", got 'many'"),
+        ({"orders": "all", "by_order": True}, 'orders must be a number .* got "all"'),
         ({"rtol": -1e-2}, "rtol must be between 0.0005 and 1, got -0.01"),
         ({"rtol": 0.0}, "rtol must be .* got 0$"),
         ({"rtol": np.nan}, "rtol must be .* got nan"),
         ({"dtype": "float16"}, 'dtype must be "float32" or "float64", got \'float16\''),
-        ({"solar_zenith_angle": 1.6}, "solar_zenith_angle must be .* rad, got 1.6"),
+        ({"solar_zenith_angle": 1.7}, "solar_zenith_angle must be .* rad, got 1.7"),
         ({"solar_zenith_angle": [0.1, np.nan]}, r"got nan \(1 of 2 values\)"),
     ],
 )
@@ -73,5 +75,16 @@ def test_a_tracer_is_refused():
         jax.jit(lambda sun: af.plan_sky(AIR, solar_zenith_angle=sun) and sun)(0.5)
 
 
-def test_known_suns_pass():
-    assert af.plan_sky(AIR, solar_zenith_angle=np.radians([0.0, 90.0])) == af.plan_sky(AIR)
+def test_known_suns_above_the_horizon_leave_twilight_out():
+    day = af.plan_sky(AIR, solar_zenith_angle=np.radians([0.0, 90.0]))
+    assert day.nodes.sun < af.plan_sky(AIR).nodes.sun
+    assert "left out: twilight" in str(day)
+    assert af.plan_sky(AIR, solar_zenith_angle=np.radians([0.0, 95.9])) == af.plan_sky(AIR)
+    assert "twilight" not in str(af.plan_sky(AIR))
+
+
+def test_flat_air_has_no_twilight():
+    flat = af.Atmosphere(af.Molecules(), geometry="flat")
+    assert af.plan_sky(flat) == af.plan_sky(flat, solar_zenith_angle=0.5)
+    with pytest.raises(ValueError, match=r"solar_zenith_angle must be .* got 1\.6"):
+        af.plan_sky(flat, solar_zenith_angle=1.6)

@@ -23,8 +23,7 @@ WAVELENGTHS = np.arange(380.0, 781.0, 10.0)
 def few(air, **choices):
     """A plan on few nodes that keeps what `plan_sky` left out."""
     plan = af.plan_sky(air, rtol=5e-2, **choices)
-    nodes = dataclasses.replace(FEW_NODES, modes=min(plan.nodes.modes, FEW_NODES.modes))
-    return dataclasses.replace(plan, nodes=nodes)
+    return dataclasses.replace(plan, nodes=FEW_NODES)
 
 
 def operations(air, **choices):
@@ -57,7 +56,7 @@ def full():
 PARTS = {
     "no haze": ({"haze": None}, {}, 0.95),
     "no molecules": ({"molecules": None}, {}, 0.95),
-    "no ground": ({"ground": None}, {}, 0.99),
+    "no ground": ({"ground": None}, {}, 0.999),
     "one order": ({}, {"orders": 1}, 0.25),
     "only the zenith": ({}, {"directions": OVERHEAD}, 0.75),
     "only luminance": ({}, {"quantity": "luminance"}, 0.9),
