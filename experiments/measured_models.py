@@ -118,7 +118,7 @@ def site_atmosphere(folder: Path) -> tuple[af.Atmosphere, af.Spectrum]:
 
 
 def simulation(
-    skies: Skies, atmosphere: af.Atmosphere, solar_irradiance: af.Spectrum, orders: int
+    skies: Skies, atmosphere: af.Atmosphere, solar_irradiance: af.Spectrum, orders: int | str
 ) -> Prediction:
     """The simulator with the atmosphere of the codes; one field serves all suns."""
     field = af.solve_sky(atmosphere, skies.wavelength_nm, orders=orders)
@@ -128,5 +128,5 @@ def simulation(
             for sun, directions in zip(skies.solar_zenith_angle, skies.directions, strict=True)
         ]
     )
-    name = f"simulation_order_{orders}"
+    name = "simulation_all_orders" if orders == "all" else f"simulation_order_{orders}"
     return Prediction(name, radiance, luminance(radiance, skies.wavelength_nm))

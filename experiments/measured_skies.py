@@ -105,6 +105,7 @@ def predict(
         _timed(analytic, "regenerated", regenerated, turbidity, skies),
         _timed(simulation, skies, atmosphere, irradiance, 1),
         _timed(simulation, skies, atmosphere, irradiance, 2),
+        _timed(simulation, skies, atmosphere, irradiance, "all"),
     ]
 
 
