@@ -65,8 +65,11 @@ from atmofit.optics.standard_atmosphere import (
     standard_pressure,
     standard_temperature,
 )
-from atmofit.sky.plan import Plan, plan_sky
-from atmofit.sky.simulate import SkyField, simulate_luminance, simulate_sky, solve_sky
+from atmofit.sky.direct import simulate_sun
+from atmofit.sky.field import SkyField
+from atmofit.sky.plan import Plan
+from atmofit.sky.planning import plan_sky
+from atmofit.sky.simulate import simulate_luminance, simulate_sky, solve_sky
 from atmofit.spectrum import Spectrum
 from atmofit.sun import solar_irradiance_spectrum
 
@@ -139,6 +142,7 @@ __all__ = [
     "simulate_luminance",
     "simulate_skies",
     "simulate_sky",
+    "simulate_sun",
     "solar_irradiance_spectrum",
     "solve_sky",
     "spectrum_to_XYZ",

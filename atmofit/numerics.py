@@ -43,6 +43,28 @@ def safe_divide(numerator: Reals, denominator: Reals) -> Reals:
     return jnp.where(nonzero, _quotient(numerator, jnp.where(nonzero, denominator, 1.0)), 0.0)
 
 
+@extremes(
+    Case("apart", {"value": 2.0, "other": 4.0}, limit=2.0, slope={"other": 0.5, "value": 0.0}),
+    Case("dark", {"value": 0.0, "other": 0.0}, limit=0.0, slope={"other": 1.0}),
+    value=Span(0.0, 1e8),
+    other=Span(1e-8, 1e8),
+)
+@jax.custom_jvp
+def with_slopes_of(value: Reals, other: Reals) -> Reals:
+    """A value at least 0 that changes in proportion to another: d log(value) = d log(other)."""
+    del other
+    return value
+
+
+@with_slopes_of.defjvp
+def _slopes_of_other(values: tuple[Any, Any], slopes: tuple[Any, Any]) -> tuple[Any, Any]:
+    """Where the other is 0 they change alike."""
+    value, other = values
+    bright = other > 0
+    ratio = jnp.where(bright, value / jnp.where(bright, other, 1.0), 1.0)
+    return value, ratio * slopes[1]
+
+
 @jax.custom_jvp
 def _quotient(numerator: Any, denominator: Any) -> Any:
     return numerator / denominator

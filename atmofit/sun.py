@@ -1,14 +1,18 @@
 """The sun above the atmosphere."""
 
 import functools
+import math
 import warnings
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from atmofit.checks import choice
+from atmofit.checks import choice, in_range
 from atmofit.extremes import Domain, extremes
-from atmofit.spectrum import Spectrum
+from atmofit.spectrum import Spectrum, at
 from atmofit.tables import preetham1999_spectra
+from atmofit.typing import RealsLike
 
 
 def solar_irradiance_spectrum(preset: str) -> Spectrum:
@@ -43,3 +47,29 @@ def _astm_g173() -> tuple[np.ndarray, np.ndarray]:
 
     table = astm_g_173.SD_ASTMG173_ETR
     return np.asarray(table.wavelengths, float), np.asarray(table.values, float)
+
+
+def irradiance_at(
+    wavelength_nm: Float[Array, " w"], given: RealsLike | Spectrum | None, preset: str
+) -> Float[Array, " w"]:
+    """Solar irradiance at some wavelengths [W m^-2 nm^-1].
+
+    Args:
+        wavelength_nm: [nm].
+        given: A number, one for each wavelength, or a `Spectrum`; None: that of the preset.
+        preset: As `solar_irradiance_spectrum`.
+
+    Raises:
+        ValueError: The shape does not fit, or a value is negative.
+    """
+    if given is None:
+        given = solar_irradiance_spectrum(preset)
+    if isinstance(given, Spectrum):
+        return at(given, wavelength_nm)
+    values = in_range("solar_irradiance", given, 0.0, math.inf, "W m^-2 nm^-1")
+    if values.shape not in ((), wavelength_nm.shape):
+        raise ValueError(
+            "solar_irradiance must be a number or one for each wavelength "
+            f"{wavelength_nm.shape}, got shape {values.shape}"
+        )
+    return jnp.broadcast_to(values.astype(wavelength_nm.dtype), wavelength_nm.shape)

@@ -49,6 +49,7 @@ FINE = Nodes(
     streams=24,
     steps=14,
     wavelength=0,
+    rough=0,
 )
 _CHUNKS = ((0, 11), (10, 21), (20, 31), (30, 41))  # wavelengths worked on together, for memory
 

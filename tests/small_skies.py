@@ -6,25 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import atmofit as af
-from atmofit.sky.plan import Nodes
+from atmofit.sky.extremes import FEW_NODES
 
-FEW_NODES = Nodes(
-    view=8,
-    view_second=6,
-    altitude=5,
-    sun=6,
-    polar=4,
-    limb=2,
-    azimuth=6,
-    bend=2,
-    path=6,
-    degrees=4,
-    higher_modes=3,
-    higher_degrees=4,
-    streams=3,
-    steps=2,
-    wavelength=4,
-)
 PARAMETERS = {
     "turbidity": 3.0,
     "molecule_scale_height": 8.8e3,

@@ -17,8 +17,10 @@ from atmofit.constants import MAXIMUM_TURBIDITY, MINIMUM_TURBIDITY
 from atmofit.fit.pieces import Pieces, simulation_key
 from atmofit.geometry import Directions, dome_343
 from atmofit.optics.atmosphere import GEOMETRIES, Atmosphere
-from atmofit.sky.plan import Plan, plan_sky
-from atmofit.sky.simulate import SkyField, solve_sky
+from atmofit.sky.field import SkyField
+from atmofit.sky.plan import Plan
+from atmofit.sky.planning import plan_sky
+from atmofit.sky.simulate import solve_sky
 
 QUANTITIES = ("x", "y", "Y")
 FIT_SETTINGS = ("weighting", "starts", "seed")  # the simulation does not depend on them

@@ -15,7 +15,8 @@ from atmofit.fit.weighting import safe_log
 from atmofit.geometry import DirectionGrid, Directions
 from atmofit.models.preetham import PREETHAM_1999, PreethamModel
 from atmofit.optics.atmosphere import Atmosphere
-from atmofit.sky.plan import Plan, plan_sky
+from atmofit.sky.plan import Plan
+from atmofit.sky.planning import plan_sky
 from atmofit.sky.simulate import simulate_luminance
 from atmofit.typing import Reals, RealsLike, Scalar
 

@@ -22,11 +22,13 @@ from atmofit.optics.haze import Haze
 from atmofit.optics.molecules import Molecules
 from atmofit.optics.phase import HenyeyGreenstein
 from atmofit.optics.profiles import GaussianLayer, Profile
-from atmofit.sky.plan import Nodes, Plan, plan_sky
+from atmofit.sky.ladder import Nodes
+from atmofit.sky.plan import Plan
+from atmofit.sky.planning import plan_sky
 from atmofit.sky.simulate import simulate_luminance, simulate_sky
 from atmofit.typing import Reals, Scalar
 
-_FEW_NODES = Nodes(
+FEW_NODES = Nodes(
     view=8,
     view_second=6,
     altitude=5,
@@ -41,7 +43,8 @@ _FEW_NODES = Nodes(
     higher_degrees=4,
     streams=3,
     steps=2,
-    wavelength=3,
+    wavelength=4,
+    rough=2,
 )
 _DEPTH = Domain(0.0, LARGEST_OPTICAL_DEPTH)
 _HEIGHT = Domain(SMALLEST_SCALE_HEIGHT, LARGEST_SCALE_HEIGHT)
@@ -95,7 +98,7 @@ _THIN = Case(
 
 def _plan(air: Atmosphere, orders: int | str, dtype: str) -> Plan:
     coarse = plan_sky(air, orders=orders, rtol=5e-2, dtype=dtype, all_wavelengths=True)
-    return dataclasses.replace(coarse, nodes=_FEW_NODES)
+    return dataclasses.replace(coarse, nodes=FEW_NODES)
 
 
 def _looked_at(

@@ -31,6 +31,7 @@ class Nodes:
         streams: Rays that meet the ground, along which light of order 2 and above is carried.
         steps: Orders computed before the rest is added as a geometric series.
         wavelength: Wavelengths between which log radiance is interpolated; 0: all that are asked.
+        rough: Wavelengths between which the effect of absorbers and of a coloured ground is.
     """
 
     view: int
@@ -48,6 +49,7 @@ class Nodes:
     streams: int
     steps: int
     wavelength: int
+    rough: int
 
 
 @dataclasses.dataclass(frozen=True)

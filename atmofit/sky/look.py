@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 
 from atmofit.geometry import scattering_angle
 from atmofit.numerics import chebyshev_basis, gauss_nodes, harmonics, safe_divide, safe_sqrt
-from atmofit.optics.atmosphere import Medium
+from atmofit.optics.medium import Medium
 from atmofit.optics.profiles import LayeredProfile
 from atmofit.sky.paths import Paths, Point, stretched, unstretched
 from atmofit.sky.plan import Plan
@@ -207,11 +207,11 @@ def diffuse_radiance(
     up, along, aside = local_sun(points, azimuth, sun)
     sine = safe_sqrt(along**2 + aside**2)
     angle = jnp.arctan2(sine, up)
-    of_sun = chebyshev_basis(sun_place(angle, moments.sun_limit), suns)
+    of_sun = chebyshev_basis(sun_place(angle, moments.local_suns), suns)
     of_mode = chebyshev_basis(safe_divide(along, sine), modes)
     # One after the other: on a CPU five times as fast as with the product of both bases.
     at_sun = jnp.einsum("qu,qmuw->qmw", of_sun, sources)
-    dimming = twilight(paths, points.altitude, jnp.minimum(angle, moments.sun_limit))
+    dimming = twilight(paths, points.altitude, jnp.clip(angle, *moments.local_suns))
     radiance = jnp.einsum("qm,qmw->w", of_mode * dimming[:, None], at_sun)
     # Where the sun gives no light, interpolation may leave -1e-6 of what it gives by day.
     return jnp.maximum(radiance, 0.0)

@@ -7,6 +7,7 @@ spectrum at; between them its logarithm is interpolated, which a low sun's steep
 
 import dataclasses
 import functools
+from types import MappingProxyType
 
 import jax
 import numpy as np
@@ -17,6 +18,10 @@ from atmofit.sun import solar_irradiance_spectrum
 
 # The spectrum that stands behind a luminance: what 380 to 780 nm by 10 nm would give.
 _WAVELENGTH_NM = np.arange(380.0, 781.0, 10.0)
+
+
+# How many, for each rung of the ladder.
+COUNTS = MappingProxyType({1e-1: 3, 5e-2: 3, 1e-2: 4, 2e-3: 7, 5e-4: 10})
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,10 +9,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from atmofit.numerics import harmonics, safe_divide, safe_sqrt
-from atmofit.optics.atmosphere import Medium
+from atmofit.optics.medium import Medium
+from atmofit.sky.ladder import Nodes
 from atmofit.sky.paths import Paths, SphericalPaths
-from atmofit.sky.plan import Nodes
 from atmofit.sky.streams import Layers, Streams, layers, stencil_start, streams
+from atmofit.sky.sun_angles import SunRange
 from atmofit.sky.turning import turning_matrix
 from atmofit.typing import Reals
 
@@ -47,7 +48,7 @@ class Transport(eqx.Module):
         functions: Spherical harmonics of the rays' directions, seen upward, then downward,
             [altitude, ray, degree, mode].
         albedo: Of the ground, [wavelength], or None.
-        sun_limit: Largest local solar zenith angle [rad]. Static.
+        local_suns: Range of local solar zenith angles [rad]. Static.
         curved: Whether the local sun turns along a ray. Static.
     """
 
@@ -58,7 +59,7 @@ class Transport(eqx.Module):
     strength: Float[Array, "z w l"]
     functions: Float[Array, "z rays l m"]
     albedo: Float[Array, " w"] | None
-    sun_limit: float = eqx.field(static=True)
+    local_suns: SunRange = eqx.field(static=True)
     curved: bool = eqx.field(static=True)
 
     def __call__(self, light: Light) -> Light:
@@ -133,7 +134,7 @@ class Transport(eqx.Module):
         if not self.curved:
             return light[:, 0]
         modes, suns = light.shape[-2:]
-        matrix = jnp.asarray(turning_matrix(modes, suns, self.sun_limit), light.dtype)
+        matrix = jnp.asarray(turning_matrix(modes, suns, self.local_suns), light.dtype)
         turned = jnp.einsum("zkwrms,knums->zwrnu", light[:, 1:], matrix)
         return light[:, 0] + turned
 
@@ -143,7 +144,7 @@ def transport(
     paths: Paths,
     altitude: Float[Array, " z"],
     nodes: Nodes,
-    sun_limit: float,
+    local_suns: SunRange,
     whole: bool,
 ) -> Transport:
     """Prepare the steps from order to order.
@@ -153,7 +154,7 @@ def transport(
         paths: The geometry.
         altitude: Where light is known [m], increasing.
         nodes: How many of everything. Static.
-        sun_limit: Largest local solar zenith angle [rad]. Static.
+        local_suns: Range of local solar zenith angles [rad]. Static.
         whole: Whether forward peaks take part. Static.
     """
     rays = streams(paths, altitude, nodes.streams)
@@ -173,7 +174,7 @@ def transport(
         safe_divide(strength, extinction[..., None]),
         harmonics(both, sines, nodes.higher_degrees, nodes.higher_modes),
         medium.ground_albedo,
-        sun_limit,
+        local_suns,
         isinstance(paths, SphericalPaths),
     )
 
@@ -210,11 +211,11 @@ def all_higher_orders(step: Transport, first: Light, steps: int) -> Light:
     """
 
     def add(light: Light, _: None) -> tuple[Light, Light]:
-        new = step(light)
+        new = jax.checkpoint(Transport.__call__)(step, light)
         return new, new
 
     _, higher = jax.lax.scan(add, first, None, length=steps)
-    orders = [first] + [jax.tree.map(lambda leaf: leaf[k], higher) for k in range(steps)]  # noqa: B023
+    orders = [first, *(Light(higher.moments[k], higher.irradiance[k]) for k in range(steps))]
     share = _mixture([light.moments for light in orders])
     return Light(
         sum(

@@ -8,7 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from atmofit.numerics import safe_divide, safe_sqrt
+from atmofit.optics.atmosphere import Atmosphere
 from atmofit.optics.profiles import DensityProfile
+from atmofit.sky.sun_angles import SunRange
 from atmofit.typing import Reals, Scalar
 
 Bools = Bool[Array, "..."]
@@ -37,11 +39,11 @@ class Paths(eqx.Module):
     """Geometry of rays; cosines are those of the zenith angle at the ray's start."""
 
     @abc.abstractmethod
-    def sun_limit(self, latest_sun: float) -> float:
-        """Largest local solar zenith angle that a view ray meets [rad].
+    def local_suns(self, suns: SunRange) -> SunRange:
+        """Least and largest local solar zenith angle that a view ray meets [rad].
 
         Args:
-            latest_sun: Largest solar zenith angle at the observer [rad].
+            suns: Likewise at the observer.
         """
 
     @abc.abstractmethod
@@ -105,9 +107,9 @@ class SphericalPaths(Paths):
 
     radius: float = eqx.field(static=True)
 
-    def sun_limit(self, latest_sun: float) -> float:
+    def local_suns(self, suns: SunRange) -> SunRange:
         """The observer's and the largest angle turned on the way to the highest altitudes [rad]."""
-        return latest_sun + _FARTHEST_TURN
+        return max(suns[0] - _FARTHEST_TURN, 0.0), suns[1] + _FARTHEST_TURN
 
     def length_up(self, altitude: Reals, cosine: Reals, level: Reals) -> Reals:
         """Distance to a level at or above the start, on the way out [m]."""
@@ -169,9 +171,9 @@ class SphericalPaths(Paths):
 class FlatPaths(Paths):
     """Rays over a plane: the zenith is the same everywhere."""
 
-    def sun_limit(self, latest_sun: float) -> float:
-        """The horizon: over a plane, a sun below it gives no light [rad]."""
-        return math.pi / 2
+    def local_suns(self, suns: SunRange) -> SunRange:
+        """The observer's, to the horizon: over a plane, a sun below it gives no light [rad]."""
+        return suns[0], min(suns[1], math.pi / 2)
 
     def length_up(self, altitude: Reals, cosine: Reals, level: Reals) -> Reals:
         """Distance to a level at or above the start [m]."""
@@ -226,15 +228,24 @@ class PseudoSphericalPaths(FlatPaths):
 
     sphere: SphericalPaths
 
-    def sun_limit(self, latest_sun: float) -> float:
+    def local_suns(self, suns: SunRange) -> SunRange:
         """The observer's: the sun is at the same place everywhere [rad]."""
-        return latest_sun
+        return suns
 
     def sun_column(
         self, profile: DensityProfile, altitude: Reals, cosine: Reals
     ) -> tuple[Reals, Reals]:
         """Column over vertical column toward the sun [-], and whether the sun is up (1 or 0)."""
         return self.sphere.sun_column(profile, altitude, cosine)
+
+
+def paths_of(atmosphere: Atmosphere) -> tuple[Paths, ...]:
+    """One geometry, or for "paper" flat and spherical."""
+    flat, sphere = FlatPaths(), SphericalPaths(atmosphere.radius)
+    if atmosphere.geometry == "paper":
+        return (flat, sphere)
+    pseudo = PseudoSphericalPaths(sphere)
+    return ({"flat": flat, "spherical": sphere, "pseudo-spherical": pseudo}[atmosphere.geometry],)
 
 
 def _away_from_zero(cosine: Reals) -> Reals:

@@ -20,16 +20,16 @@ from jaxtyping import Array, Float
 from atmofit.numerics import (
     chebyshev_nodes,
     chebyshev_transform,
-    gauss_nodes,
     harmonics,
     safe_divide,
     safe_sqrt,
 )
-from atmofit.optics.atmosphere import Medium
+from atmofit.optics.medium import Medium
+from atmofit.sky.fan import Fan, fan_at
 from atmofit.sky.orders import Light, all_higher_orders, next_orders, transport
-from atmofit.sky.paths import FlatPaths, Paths, Point, SphericalPaths, stretched
-from atmofit.sky.plan import Nodes, Plan
-from atmofit.sky.sun_angles import TWILIGHT_WIDTH, sun_ends, sun_nodes
+from atmofit.sky.paths import FlatPaths, Paths, Point, stretched
+from atmofit.sky.plan import Plan
+from atmofit.sky.sun_angles import TWILIGHT_WIDTH, SunRange, sun_ends, sun_nodes
 from atmofit.typing import Reals, Scalar
 
 _TWILIGHT_BEGINS = math.radians(0.5)
@@ -48,7 +48,7 @@ class Moments(eqx.Module):
             haze it falls by powers of ten to the ground; what is left after division by it and
             by `twilight` is smooth.
         top, scale: Of the altitude coordinate [m].
-        sun_limit: Largest local solar zenith angle [rad]. Static.
+        local_suns: Range of local solar zenith angles [rad]. Static.
         whole: Whether the forward peaks take part in the next scattering. Static.
     """
 
@@ -56,26 +56,8 @@ class Moments(eqx.Module):
     log_brightness: Float[Array, "z w"]
     top: Scalar
     scale: Scalar
-    sun_limit: float = eqx.field(static=True)
+    local_suns: SunRange = eqx.field(static=True)
     whole: bool = eqx.field(static=True)
-
-
-class Fan(eqx.Module):
-    """Rays from one point in all directions, with the steps along each.
-
-    Attributes:
-        cosine: Of each ray's zenith angle, [ray].
-        weight: Of each ray in an integral over the cosine, [ray].
-        distance: From the point to each step, [ray, step].
-        length: Weight of each step in an integral over distance, [ray, step].
-        to_ground: How many rays, the last ones, end at the ground. Static.
-    """
-
-    cosine: Float[Array, " ray"]
-    weight: Float[Array, " ray"]
-    distance: Float[Array, "ray step"]
-    length: Float[Array, "ray step"]
-    to_ground: int = eqx.field(static=True)
 
 
 def light_everywhere(medium: Medium, paths: Paths, plan: Plan) -> tuple[Moments, ...]:
@@ -94,14 +76,14 @@ def light_everywhere(medium: Medium, paths: Paths, plan: Plan) -> tuple[Moments,
     dtype = medium.extinction.dtype
     unit = jnp.asarray((chebyshev_nodes(nodes.altitude) + 1) / 2, dtype)
     altitude, _ = stretched(unit, medium.top, medium.scale)
-    limit = paths.sun_limit(plan.latest_sun)
-    sun = sun_nodes(nodes.sun, limit)
+    suns = paths.local_suns(plan.suns)
+    sun = sun_nodes(nodes.sun, suns)
 
     def at_altitude(z: Scalar) -> tuple[Light, ...]:
-        fan = _fan(paths, z, medium.top, medium.scale, nodes)
+        fan = fan_at(paths, z, medium.top, medium.scale, nodes)
         return _light_at(medium, paths, z, fan, sun, plan)
 
-    injected = jax.lax.map(at_altitude, altitude)
+    injected = jax.lax.map(jax.checkpoint(at_altitude), altitude)
     injected = tuple(Light(each.moments, each.irradiance[0]) for each in injected)
     first = injected[0].moments
     higher = _higher_orders(medium, paths, altitude, injected, plan)
@@ -117,7 +99,7 @@ def light_everywhere(medium: Medium, paths: Paths, plan: Plan) -> tuple[Moments,
     brightness = brightness.mean(axis=-1)
     dimming = twilight(paths, altitude[:, None], jnp.asarray(sun, dtype)[None, :])
     return tuple(
-        _table(moments, brightness, dimming, medium, limit, both)
+        _table(moments, brightness, dimming, medium, suns, both)
         for moments, both in zip(every, whole, strict=True)
     )
 
@@ -130,8 +112,8 @@ def _higher_orders(
         return []
     nodes = plan.nodes
     degrees, modes = nodes.higher_degrees, nodes.higher_modes
-    limit = paths.sun_limit(plan.latest_sun)
-    step = transport(medium, paths, altitude, nodes, limit, plan.counts_peaks)
+    suns = paths.local_suns(plan.suns)
+    step = transport(medium, paths, altitude, nodes, suns, plan.counts_peaks)
     begin = tuple(Light(each.moments[:, :, :degrees, :modes], each.irradiance) for each in injected)
     if isinstance(plan.orders, str):
         return [all_higher_orders(step, begin[0], nodes.steps).moments]
@@ -149,7 +131,7 @@ def _table(
     brightness: Float[Array, "z w"],
     dimming: Float[Array, "z sun"],
     medium: Medium,
-    limit: float,
+    local_suns: SunRange,
     whole: bool,
 ) -> Moments:
     """Chebyshev coefficients of moments over brightness, and of the logarithm of brightness."""
@@ -168,7 +150,7 @@ def _table(
     in_sun = jnp.einsum("zmlsw,ks->zmlkw", relative, to_sun)
     coefficients = jnp.einsum("zmlkw,jz->jmlkw", in_sun, to_altitude)
     logarithm = to_altitude @ jnp.log(brightness)
-    return Moments(coefficients, logarithm, medium.top, medium.scale, limit, whole)
+    return Moments(coefficients, logarithm, medium.top, medium.scale, local_suns, whole)
 
 
 def twilight(paths: Paths, altitude: Reals, sun: Reals) -> Reals:
@@ -203,62 +185,11 @@ def forward_factors(deflected: Reals, orders: int) -> tuple[Reals, ...]:
     return tuple(terms)
 
 
-def sun_place(sun: Reals, limit: float) -> Reals:
+def sun_place(sun: Reals, suns: SunRange) -> Reals:
     """Coordinate from -1 to 1 of a solar zenith angle [rad], stretched about the horizon."""
-    low, high = sun_ends(limit)
+    low, high = sun_ends(suns)
     stretch = jnp.arcsinh((sun - math.pi / 2) / TWILIGHT_WIDTH)
     return jnp.clip(2 * (stretch - low) / (high - low) - 1, -1.0, 1.0)
-
-
-def _fan(paths: Paths, z: Scalar, top: Scalar, scale: Scalar, nodes: Nodes) -> Fan:
-    """Rays that rise, that sink and miss the ground, and that sink to the ground."""
-    dtype = z.dtype
-    u, w = (jnp.asarray(x, dtype) for x in gauss_nodes(nodes.polar))
-    s, ws = (jnp.asarray(x, dtype)[None, :] for x in gauss_nodes(nodes.path))
-    horizon = paths.horizon_cosine(z)
-    rising, sinking = u**2, horizon - (1 + horizon) * u**2
-    parts = [
-        (rising, 2 * u * w, *_rising_steps(paths, z, rising, top, scale, s, ws)),
-        (sinking, (1 + horizon) * 2 * u * w, *_sinking_steps(paths, z, sinking, scale, s, ws)),
-    ]
-    if isinstance(paths, SphericalPaths):
-        v, wv = (jnp.asarray(x, dtype) for x in gauss_nodes(nodes.limb))
-        half, whalf = (jnp.asarray(x, dtype)[None, :] for x in gauss_nodes(nodes.path // 2))
-        steps = _passing_steps(paths, z, horizon * v, top, half, whalf)
-        parts.insert(1, (horizon * v, -horizon * wv, *steps))
-    cosine, weight, distance, length = (jnp.concatenate(part) for part in zip(*parts, strict=True))
-    return Fan(cosine, weight, distance, length, to_ground=nodes.polar)
-
-
-def _rising_steps(
-    paths: Paths, z: Scalar, cosine: Reals, top: Scalar, scale: Scalar, s: Reals, ws: Reals
-) -> tuple[Reals, Reals]:
-    """Steps on rays to space, dense at the start."""
-    length, near = paths.length_up(z, cosine, top), paths.length_up(z, cosine, z + scale)
-    distance, slope = stretched(s, length[:, None], near[:, None])
-    return distance, slope * ws
-
-
-def _sinking_steps(
-    paths: Paths, z: Scalar, cosine: Reals, scale: Scalar, s: Reals, ws: Reals
-) -> tuple[Reals, Reals]:
-    """Steps on rays to the ground, dense at the ground."""
-    length = paths.length_to_ground(z, cosine)
-    end = paths.advance(z, cosine, safe_sqrt(1 - cosine**2), length)
-    near = paths.length_up(jnp.zeros_like(length), -end.cosine, jnp.full_like(length, scale))
-    back, slope = stretched(s, length[:, None], near[:, None])
-    return jnp.maximum(length[:, None] - back, 0.0), slope * ws
-
-
-def _passing_steps(
-    paths: SphericalPaths, z: Scalar, cosine: Reals, top: Scalar, s: Reals, ws: Reals
-) -> tuple[Reals, Reals]:
-    """Steps on rays that pass their lowest point, before it and beyond."""
-    down = -(paths.radius + z) * cosine[:, None]
-    up = paths.length_up(z, cosine, top)[:, None] - down
-    after, slope = stretched(s, up, jnp.maximum(down, 0.2 * up))
-    distance = jnp.concatenate([down * (1 - s), down + after], axis=1)
-    return distance, jnp.concatenate([down * ws, slope * ws], axis=1)
 
 
 def _light_at(

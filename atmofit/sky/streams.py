@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from atmofit.numerics import gauss_nodes, safe_sqrt
-from atmofit.optics.atmosphere import Medium
+from atmofit.optics.medium import Medium
 from atmofit.sky.paths import Paths, SphericalPaths
 from atmofit.typing import Reals
 

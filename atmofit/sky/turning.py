@@ -9,7 +9,7 @@ import functools
 
 import numpy as np
 
-from atmofit.sky.sun_angles import sun_basis, sun_nodes
+from atmofit.sky.sun_angles import SunRange, sun_basis, sun_nodes
 
 # Angles at the centre at which the map is exact; between them it is a parabola.
 _ANGLES = (0.0, np.radians(1.5), np.radians(4.5))
@@ -17,19 +17,19 @@ _AZIMUTHS = 48
 
 
 @functools.cache
-def turning_matrix(modes: int, suns: int, limit: float) -> np.ndarray:
+def turning_matrix(modes: int, suns: int, local_suns: SunRange) -> np.ndarray:
     """The map's first and second coefficient in powers of the angle.
 
     Args:
         modes: Azimuth modes.
         suns: Solar zenith angles, at the nodes of `sun_nodes`.
-        limit: Their largest [rad].
+        local_suns: Their range [rad]; light beyond it is taken as at its ends.
 
     Returns:
         [2, mode, sun, mode, sun]: from the angle-weighted light (the last two axes) to what it
         adds to the light that arrives.
     """
-    maps = np.stack([_at(angle, modes, suns, limit) for angle in _ANGLES[1:]])
+    maps = np.stack([_at(angle, modes, suns, local_suns) for angle in _ANGLES[1:]])
     change = maps - np.eye(modes * suns)[None]
     a, b = _ANGLES[1:]
     # change(psi) = first psi + second psi^2 through both angles.
@@ -38,15 +38,15 @@ def turning_matrix(modes: int, suns: int, limit: float) -> np.ndarray:
     return np.stack([first, second]).reshape(2, modes, suns, modes, suns)
 
 
-def _at(angle: float, modes: int, suns: int, limit: float) -> np.ndarray:
+def _at(angle: float, modes: int, suns: int, local_suns: SunRange) -> np.ndarray:
     """[mode sun, mode sun] of one angle."""
-    sun = sun_nodes(suns, limit)[:, None]
+    sun = sun_nodes(suns, local_suns)[:, None]
     azimuth = (np.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS)[None, :]
     up = np.cos(sun) * np.cos(angle) + np.sin(sun) * np.cos(azimuth) * np.sin(angle)
     along = np.sin(sun) * np.cos(azimuth) * np.cos(angle) - np.cos(sun) * np.sin(angle)
     aside = np.sin(sun) * np.sin(azimuth)
     there = np.arctan2(np.hypot(along, aside), up)
-    of_sun = sun_basis(np.minimum(there, limit), suns, limit)
+    of_sun = sun_basis(np.clip(there, *local_suns), suns, local_suns)
     phi = np.arctan2(aside, along)
     order = np.arange(modes)
     twice = np.where(order > 0, 2.0, 1.0)

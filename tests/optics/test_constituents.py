@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import atmofit as af
-from atmofit.optics.atmosphere import optical_properties
+from atmofit.optics.medium import optical_properties
 from atmofit.optics.molecules import molecular_scattering_coefficient
 from atmofit.tables import preetham1999_spectra
 

@@ -32,40 +32,45 @@ def _atmosphere(columns):
     )
 
 
-def _simulate(plan_of, wanted):
-    """Radiance of the wanted cases; those of one structure share a compiled program by vmap."""
+def _simulate(wanted, **choices):
+    """Radiance of the wanted cases, by order where the plan says so.
+
+    All suns of a case share its field, and cases of one structure a compiled program.
+    """
     alike = {}
-    for key, columns in groups(TABLE).items():
-        if wanted(key[0]):
-            atmosphere = _atmosphere(columns)
-            dirs = directions(columns)
+    for (case, sun), columns in groups(TABLE).items():
+        if wanted(case):
+            atmosphere, dirs = _atmosphere(columns), directions(columns)
             kind = (jax.tree.structure(atmosphere), dirs.shape)
-            alike.setdefault(kind, []).append((key, columns, atmosphere, dirs))
+            alike.setdefault(kind, {}).setdefault(case, []).append((sun, columns, atmosphere, dirs))
     found = {}
     for members in alike.values():
-        keys, columns, atmospheres, dirs = zip(*members, strict=True)
-        stacked = jax.tree.map(lambda *x: jnp.stack(x), *atmospheres)
-        one_dirs = jax.tree.map(lambda *x: jnp.stack(x), *dirs)
-        suns = jnp.asarray(np.radians([key[1] for key in keys]))
-
-        @eqx.filter_jit
-        def simulate(atmosphere, sun, directions):
-            def one(atmosphere, sun, directions):
-                plan = plan_of(atmosphere)
-                return af.simulate_sky(
-                    atmosphere, sun, directions, [550.0], solar_irradiance=1.0, plan=plan
-                )[:, 0]
-
-            return jax.vmap(one)(atmosphere, sun, directions)
-
-        radiance = np.asarray(simulate(stacked, suns, one_dirs))
-        found.update(
-            {
-                key: (value, column)
-                for key, value, column in zip(keys, radiance, columns, strict=True)
-            }
+        suns = np.radians([[each[0] for each in case] for case in members.values()])
+        air, dirs = (
+            jax.tree.map(lambda *x: jnp.stack(x), *[case[0][part] for case in members.values()])
+            for part in (2, 3)
         )
+        radiance = np.asarray(_skies(air, jnp.asarray(suns), dirs, choices))
+        for (name, case), of_suns in zip(members.items(), radiance, strict=True):
+            for (sun, columns, _, _), values in zip(case, of_suns, strict=True):
+                found[name, sun] = (values, columns)
     return found
+
+
+def _skies(atmospheres, suns, dirs, choices):
+    """Radiance [case, sun, ..., direction]."""
+
+    @eqx.filter_jit
+    def skies(atmospheres, suns, dirs):
+        def of_case(atmosphere, suns, dirs):
+            plan = af.plan_sky(atmosphere, **choices)
+            field = af.solve_sky(atmosphere, [550.0], plan=plan)
+            look = field.radiance_by_order if plan.by_order else field.radiance
+            return jax.lax.map(lambda sun: look(sun, dirs, 1.0)[..., 0], suns)
+
+        return jax.vmap(of_case)(atmospheres, suns, dirs)
+
+    return skies(atmospheres, suns, dirs)
 
 
 def _is_single_scattering_case(case):
@@ -74,17 +79,13 @@ def _is_single_scattering_case(case):
 
 @pytest.fixture(scope="module")
 def first_order():
-    return _simulate(lambda a: af.plan_sky(a, orders=1, rtol=5e-4), _is_single_scattering_case)
+    return _simulate(_is_single_scattering_case, orders=1, rtol=5e-4)
 
 
 @pytest.fixture(scope="module")
 def second_order():
-    def wanted(case):
-        return case[0] in "abe"
-
-    both = _simulate(lambda a: af.plan_sky(a, orders=2, rtol=1e-3), wanted)
-    one = _simulate(lambda a: af.plan_sky(a, orders=1, rtol=1e-3), wanted)
-    return {key: (both[key][0] - one[key][0], both[key][1]) for key in both}
+    both = _simulate(lambda case: case[0] in "abe", orders=2, rtol=1e-3, by_order=True)
+    return {key: (values[1], columns) for key, (values, columns) in both.items()}
 
 
 def _largest_error(found, column, letters):
@@ -114,20 +115,9 @@ def test_second_order_alone(second_order, letters, rtol):
 
 @pytest.fixture(scope="module")
 def orders_apart():
-    """Five orders of a and b; `wanted` keeps the compiled programs few."""
+    """Five orders of one case of molecules and two with haze."""
     wanted = ("a_0.3", "b_0.1", "b_0.5")
-
-    def plan(atmosphere):
-        return af.plan_sky(atmosphere, orders=5, rtol=2e-3, by_order=True)
-
-    found = {}
-    for key, columns in groups(TABLE).items():
-        if key[0] in wanted:
-            atmosphere = _atmosphere(columns)
-            field = af.solve_sky(atmosphere, [550.0], plan=plan(atmosphere))
-            sky = field.radiance_by_order(np.radians(key[1]), directions(columns), 1.0)
-            found[key] = (np.asarray(sky)[:, :, 0], columns)
-    return found
+    return _simulate(lambda case: case in wanted, orders=5, rtol=2e-3, by_order=True)
 
 
 @pytest.mark.parametrize("order", [3, 4, 5])
@@ -143,9 +133,7 @@ def test_third_to_fifth_order_alone(orders_apart, order):
     ids=["air", "with haze, ground or absorbers", "sharp haze alone"],
 )
 def test_all_orders(cases, rtol, promise):
-    found = _simulate(
-        lambda a: af.plan_sky(a, orders="all", rtol=rtol), lambda case: case.startswith(cases)
-    )
+    found = _simulate(lambda case: case.startswith(cases), orders="all", rtol=rtol)
     assert len(found) >= 4
     for key, (value, columns) in found.items():
         assert np.abs(value / columns["nanodisort"] - 1).max() < promise, key

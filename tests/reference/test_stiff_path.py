@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 from reference.stiff_path import ALTITUDE, DENSITY, RADIUS, solve
 
-from atmofit.optics.atmosphere import Atmosphere, optical_properties
+from atmofit.optics.atmosphere import Atmosphere
 from atmofit.optics.haze import Haze
+from atmofit.optics.medium import optical_properties
 from atmofit.optics.phase import HenyeyGreenstein
 from atmofit.optics.profiles import Profile
+from atmofit.sky.ladder import LADDER
 from atmofit.sky.look import line_of_sight, single_scattering
 from atmofit.sky.paths import FlatPaths, SphericalPaths
-from atmofit.sky.plan import LADDER, plan_sky
+from atmofit.sky.planning import plan_sky
 
 pytestmark = pytest.mark.reference
 AZIMUTH = 0.5

@@ -4,12 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from small_skies import PARAMETERS, as_arrays, radiance
+from small_skies import PARAMETERS, WAVELENGTHS, as_arrays, atmosphere, radiance
+
+import atmofit as af
 
 STEPS = {
     "turbidity": 1e-4,
-    "molecule_scale_height": 0.5,
-    "haze_scale_height": 0.1,
     "asymmetry": 1e-5,
     "haze_albedo": 1e-4,
     "ground_albedo": 1e-4,
@@ -30,6 +30,7 @@ EDGES = {
     "highest air": ({"molecule_scale_height": 3e4}, np.pi / 2),
 }
 # Reverse mode compiles for a minute around a sphere, so there the slopes are taken forward.
+UPPER = af.Directions(np.radians([0.0, 30.0, 60.0, 80.0]), np.radians([0.0, 0.0, 10.0, 100.0]))
 KINDS = [("flat", "float64"), ("spherical", "float64"), ("spherical", "float32")]
 
 
@@ -73,6 +74,54 @@ def test_slopes_match_differences(with_slopes, name):
     # Fourth order, so that the step may be large enough for rounding.
     difference = (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12 * step)
     np.testing.assert_allclose(slope, difference, rtol=1e-5)
+
+
+def test_slopes_by_scale_heights_are_those_of_the_light():
+    """Nodes are held, so that few of them show the quadrature's error in differences."""
+
+    def log_sky(log_heights):
+        air, haze = jnp.exp(log_heights)
+        heights = {"molecule_scale_height": air, "haze_scale_height": haze}
+        sky = atmosphere(PARAMETERS | heights, "flat")
+        plan = af.plan_sky(sky, solar_zenith_angle=0.6, rtol=1e-2, all_wavelengths=True)
+        return jnp.log(af.simulate_sky(sky, 0.6, UPPER, WAVELENGTHS, plan=plan))
+
+    at = jnp.log(jnp.array([8.8e3, 1.2e3]))
+    run = jax.jit(lambda at, along: jax.jvp(log_sky, (at,), (along,)))
+    step = 1e-3
+    for along in np.eye(2):
+        _, slope = run(at, along)
+        above, below = (run(at + sign * step * along, along)[0] for sign in (1, -1))
+        # The second difference is 1e-6; the rung promises 1e-2 of the light.
+        np.testing.assert_allclose(slope, (above - below) / (2 * step), atol=1e-3)
+        assert np.abs(slope).max() > 0.05
+
+
+def test_slopes_from_a_coarser_sky():
+    """The value is the fine sky's; the slopes of its logarithm are the coarse one's."""
+    air = atmosphere(PARAMETERS, "flat")
+    choices = {"solar_zenith_angle": 0.6, "orders": 1, "all_wavelengths": True}
+    fine, coarse, both = (
+        af.plan_sky(air, **choices, rtol=rtol, slopes_rtol=slopes)
+        for rtol, slopes in ((1e-2, None), (1e-1, None), (1e-2, 1e-1))
+    )
+    assert "left out: exact slopes" in str(both)
+
+    def sky(turbidity, plan):
+        hazy = atmosphere(PARAMETERS | {"turbidity": turbidity}, "flat")
+        return af.simulate_sky(hazy, 0.6, UPPER, WAVELENGTHS, plan=plan)
+
+    def log_slope(plan):
+        value, slope = jax.jvp(lambda t: sky(t, plan), (3.0,), (1.0,))
+        return value, slope / value
+
+    found, slope = log_slope(both)
+    np.testing.assert_allclose(found, log_slope(fine)[0], rtol=1e-12)
+    np.testing.assert_allclose(slope, log_slope(coarse)[1], rtol=1e-12)
+    back = jax.jacrev(lambda t: sky(t, both))(3.0)
+    np.testing.assert_allclose(back, slope * found, rtol=1e-10)
+    with pytest.raises(ValueError, match=r"slopes_rtol must be between 0\.01 and 1, got 0\.002"):
+        af.plan_sky(air, rtol=1e-2, slopes_rtol=2e-3)
 
 
 @pytest.mark.parametrize("edge", EDGES)

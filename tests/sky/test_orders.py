@@ -10,10 +10,10 @@ import pytest
 from small_skies import FEW_NODES
 
 import atmofit as af
-from atmofit.optics.atmosphere import optical_properties
+from atmofit.optics.medium import optical_properties
+from atmofit.sky.ladder import LADDER
 from atmofit.sky.orders import Light, transport
 from atmofit.sky.paths import FlatPaths, stretched
-from atmofit.sky.plan import LADDER
 from atmofit.sky.sun_angles import sun_nodes
 from atmofit.sky.turning import turning_matrix
 
@@ -82,7 +82,11 @@ def _steps(air, nodes, suns):
     medium = optical_properties(air, jnp.asarray(GREEN))
     unit = jnp.asarray((np.polynomial.chebyshev.chebpts1(nodes.altitude) + 1) / 2)
     altitude, _ = stretched(unit, medium.top, medium.scale)
-    return transport(medium, FlatPaths(), altitude, nodes, np.pi / 2, whole=True), altitude, suns
+    return (
+        transport(medium, FlatPaths(), altitude, nodes, (0.0, np.pi / 2), whole=True),
+        altitude,
+        suns,
+    )
 
 
 @pytest.mark.parametrize("albedo", [0.4, 1.0])
@@ -107,8 +111,8 @@ def test_even_light_in_a_closed_room_stays(albedo):
 
 
 def test_turning_by_nothing_changes_nothing_and_even_light_stays():
-    modes, suns, limit = 4, 12, np.radians(101.5)
-    matrix = turning_matrix(modes, suns, limit)
+    modes, suns = 4, 12
+    matrix = turning_matrix(modes, suns, (0.0, np.radians(101.5)))
     even = np.zeros((modes, suns))
     even[0] = 1.0
     np.testing.assert_allclose(np.einsum("knums,ms->knu", matrix, even), 0.0, atol=1e-8)
@@ -117,10 +121,10 @@ def test_turning_by_nothing_changes_nothing_and_even_light_stays():
 def test_turning_moves_the_sun():
     """cos(sun) here is, an angle on along azimuth phi, cos(sun) cos + sin(sun) sin cos(phi)."""
     modes, suns, limit, angle = 4, 24, np.radians(101.5), np.radians(1.0)
-    sun = sun_nodes(suns, limit)
+    sun = sun_nodes(suns, (0.0, limit))
     light = np.zeros((modes, suns))
     light[0] = np.cos(sun)
-    first, second = turning_matrix(modes, suns, limit)
+    first, second = turning_matrix(modes, suns, (0.0, limit))
     moved = light + np.einsum("nums,ms->nu", angle * first + angle**2 * second, light)
     expected = np.zeros_like(light)
     expected[0] = np.cos(sun) * np.cos(angle)
@@ -138,7 +142,9 @@ def test_twilight_is_finite_and_fades(dtype):
     suns = jnp.radians(jnp.asarray([91.0, 96.0], dtype))
 
     def seen(sun):
-        look = lambda sun: field.radiance(sun, VIEWS, 1.0)[:, 0]  # noqa: E731
+        def look(sun):
+            return field.radiance(sun, VIEWS, 1.0)[:, 0]
+
         return jax.jvp(look, (sun,), (jnp.ones((), dtype),))
 
     value, slope = jax.vmap(seen)(suns)

@@ -13,14 +13,22 @@ AIR = af.Atmosphere(af.Molecules())
 
 @pytest.mark.parametrize(
     ("rtol", "rung"),
-    [(1.0, 5e-2), (5e-2, 5e-2), (4e-2, 1e-2), (1e-2, 1e-2), (1e-3, 5e-4), (5e-4, 5e-4)],
+    [
+        (1.0, 1e-1),
+        (6e-2, 5e-2),
+        (5e-2, 5e-2),
+        (4e-2, 1e-2),
+        (1e-2, 1e-2),
+        (1e-3, 5e-4),
+        (5e-4, 5e-4),
+    ],
 )
 def test_the_next_finer_rung_is_taken(rtol, rung):
     assert af.plan_sky(AIR, rtol=rtol).rtol == rung
 
 
 def test_finer_rungs_have_more_nodes():
-    nodes = [vars(af.plan_sky(AIR, rtol=r).nodes) for r in (5e-2, 1e-2, 2e-3, 5e-4)]
+    nodes = [vars(af.plan_sky(AIR, rtol=r).nodes) for r in (1e-1, 5e-2, 1e-2, 2e-3, 5e-4)]
     for coarse, fine in itertools.pairwise(nodes):
         assert all(fine[name] >= coarse[name] for name in fine if name != "wavelength")
 
@@ -77,6 +85,7 @@ def test_a_tracer_is_refused():
 
 def test_known_suns_above_the_horizon_leave_twilight_out():
     day = af.plan_sky(AIR, solar_zenith_angle=np.radians([0.0, 90.0]))
+    assert day.suns == (0.0, np.pi / 2)
     assert day.nodes.sun < af.plan_sky(AIR).nodes.sun
     assert "left out: twilight" in str(day)
     assert af.plan_sky(AIR, solar_zenith_angle=np.radians([0.0, 95.9])) == af.plan_sky(AIR)
@@ -85,6 +94,18 @@ def test_known_suns_above_the_horizon_leave_twilight_out():
 
 def test_flat_air_has_no_twilight():
     flat = af.Atmosphere(af.Molecules(), geometry="flat")
-    assert af.plan_sky(flat) == af.plan_sky(flat, solar_zenith_angle=0.5)
+    assert af.plan_sky(flat).suns == (0.0, np.pi / 2)
+    assert af.plan_sky(flat) == af.plan_sky(flat, solar_zenith_angle=[0.0, 1.5])
     with pytest.raises(ValueError, match=r"solar_zenith_angle must be .* got 1\.6"):
         af.plan_sky(flat, solar_zenith_angle=1.6)
+
+
+def test_one_known_sun_leaves_the_others_out():
+    noon, near = (af.plan_sky(AIR, solar_zenith_angle=np.radians(sun)) for sun in (42.0, 43.9))
+    assert noon == near  # changing the sun a little compiles nothing new
+    np.testing.assert_allclose(np.degrees(noon.suns), [40.0, 45.0])
+    assert 2 * noon.nodes.sun < af.plan_sky(AIR, solar_zenith_angle=[0.0, 1.5]).nodes.sun
+    assert "left out: suns outside 40 to 45 degrees" in str(noon)
+    field = af.solve_sky(AIR, [550.0], plan=noon)
+    with pytest.raises(ValueError, match=r"solar_zenith_angle must be between 0\.698132 and 0"):
+        field.radiance(np.radians(50.0), af.Directions([0.0], [0.0]))
