@@ -4,6 +4,7 @@ Every count is varied around one rung of the ladder on the reference job. Errors
 luminance and chromaticity over the dome under sun 0, 60, 85 degrees and turbidity 2, 6, against a
 finer solution of the same code, which both oracles confirm in the same run. With --store the rungs
 of the ladder go to atmofit/sky/ladder.json with what was measured of them. Finished cases are kept.
+With --peers another question instead: do nanodisort and sasktran2 take longer for the same error?
 """
 
 import dataclasses
@@ -18,6 +19,7 @@ import tyro
 from error_vs_runtime_case import FINE, Case
 from error_vs_runtime_errors import Results, confirmation, errors, rung
 from error_vs_runtime_oracle import VIEWS_DEG, random_skies, reference_skies
+from error_vs_runtime_peers import Measure, compare
 from error_vs_runtime_report import Row, draw_pareto, table
 
 from atmofit.fit.dataset import versions
@@ -65,11 +67,22 @@ class Config:
     """Of the nested quadrature in the random skies."""
     paths: int = 100_000
     """Of the Monte Carlo oracle, for each direction."""
+    peers: bool = False
+    """Compare with nanodisort and sasktran2 (extra `reference`) instead; into `out`/peers."""
+    gpu: bool = False
+    """With peers: run atmofit on a graphics processor too, if there is one."""
+    skies: int = 0
+    """With peers: about how many of the 60; 0: all, or 4 if quick."""
+    threads: int = 2
+    """With peers: processors that each code uses."""
     out: Path = Path("runs/error_vs_runtime")
 
 
 def main(config: Config) -> None:
     """Run the cases, each in its own process; then table, picture, JSON and perhaps the ladder."""
+    if config.peers:
+        _compare_with_peers(config)
+        return
     if config.quick:
         config = dataclasses.replace(
             config, base=1e-2, families=QUICK_FAMILIES, repeats=1, resolution=0.6, paths=20_000
@@ -105,6 +118,22 @@ def main(config: Config) -> None:
     replace_file(config.out / "pareto.png", lambda path: draw_pareto(rows, path))
     if config.store:
         store(rungs, config)
+
+
+def _compare_with_peers(config: Config) -> None:
+    skies = config.skies or (4 if config.quick else 60)
+    repeats = 1 if config.quick else config.repeats
+    compare(
+        Measure(
+            skies,
+            config.quick,
+            config.gpu,
+            config.threads,
+            repeats,
+            config.fresh,
+            config.out / "peers",
+        )
+    )
 
 
 def all_cases(config: Config) -> list[Case]:

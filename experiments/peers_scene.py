@@ -2,10 +2,15 @@
 
 import dataclasses
 import math
+import statistics
+import time
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 ABSORBER_CENTRE, ABSORBER_WIDTH = 22e3, 5e3  # [m]
+JUDGED_SUNS = np.radians([0.0, 40.0, 80.0, 87.0])
+JUDGED_STEP = 5  # of 380 to 780 nm by 10 nm both ends are kept
 _FINE = 20_001  # altitudes on which edges are sought
 
 
@@ -135,10 +140,29 @@ class Skies:
     Attributes:
         radiance: Over solar irradiance [1/sr], [sun, load, ring, azimuth, wavelength].
         seconds_per_sky: Wall clock, the setting up included; a sky is one sun over one load.
+        compile_seconds: Before the first sky, where a program is compiled; not in the above.
     """
 
     radiance: np.ndarray
     seconds_per_sky: float
+    compile_seconds: float = 0.0
+
+
+def median_seconds(run: Callable[[], object], repeats: int, patience: float) -> float:
+    """Wall clock of a call that has been made before.
+
+    Args:
+        run: The call.
+        repeats: Calls of which the median is taken, after one that does not count.
+        patience: No further call is made once they took so many seconds together; if that is
+            after the first already, it counts.
+    """
+    times: list[float] = []
+    while len(times) < 1 + repeats and (not times or sum(times) < patience):
+        begin = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - begin)
+    return statistics.median(times[1:] or times)
 
 
 def reference_batch() -> Scene:
@@ -159,7 +183,7 @@ def reference_batch() -> Scene:
 def few_skies(scene: Scene, count: int) -> Scene:
     """About so many skies, with few suns before few loads: a sun's geometry serves all its loads.
 
-    The last sun and the last load are always among them.
+    The last sun and the last load are always among them; of several skies two suns.
 
     Raises:
         ValueError: Fewer than one sky.
@@ -167,18 +191,43 @@ def few_skies(scene: Scene, count: int) -> Scene:
     if count < 1:
         raise ValueError(f"skies must be at least 1, got {count}")
     suns, loads = scene.shape[:2]
-    wanted_suns = min(suns, math.ceil(count / loads))
+    wanted_suns = min(suns, max(math.ceil(count / loads), min(count, 2)))
     wanted_loads = min(loads, max(1, round(count / wanted_suns)))
+    return some_skies(scene, _spread(suns, wanted_suns), _spread(loads, wanted_loads))
+
+
+def some_skies(
+    scene: Scene,
+    suns: Sequence[int],
+    loads: Sequence[int],
+    wavelengths: Sequence[int] | None = None,
+) -> Scene:
+    """Some suns over some loads at some or all wavelengths, by their places."""
+    kept = slice(None) if wavelengths is None else list(wavelengths)
     return dataclasses.replace(
         scene,
-        solar_zenith_angle=scene.solar_zenith_angle[_spread(suns, wanted_suns)],
-        haze_optical_depth=scene.haze_optical_depth[_spread(loads, wanted_loads)],
+        solar_zenith_angle=scene.solar_zenith_angle[list(suns)],
+        wavelength_nm=scene.wavelength_nm[kept],
+        molecules_optical_depth=scene.molecules_optical_depth[kept],
+        haze_optical_depth=scene.haze_optical_depth[list(loads)][:, kept],
+        absorber_optical_depth=scene.absorber_optical_depth[kept],
     )
 
 
-def _spread(count: int, wanted: int) -> np.ndarray:
-    """So many of the indices below a count, evenly, the last among them."""
-    return (count - 1 - np.arange(wanted) * count // wanted)[::-1]
+def judged(scene: Scene) -> tuple[list[int], list[int], list[int]]:
+    """Places of the suns, loads and wavelengths that errors are taken in: few, with the extremes.
+
+    The finest settings of some codes take half a minute for a sky at every wavelength.
+    """
+    suns = scene.solar_zenith_angle
+    nearest = {int(np.abs(suns - sun).argmin()) for sun in JUDGED_SUNS}
+    wavelengths = range(0, scene.wavelength_nm.size, JUDGED_STEP)
+    return sorted(nearest), sorted({0, scene.shape[1] - 1}), list(wavelengths)
+
+
+def _spread(count: int, wanted: int) -> list[int]:
+    """So many of the places below a count, evenly, the last among them."""
+    return (count - 1 - np.arange(wanted) * count // wanted)[::-1].tolist()
 
 
 def _gaussian(altitude: float) -> float:

@@ -42,7 +42,8 @@ def simulated(T):
 
 
 random = np.random.default_rng(3)
-exact, slope = jax.jvp(simulated, (jnp.asarray(turbidity, float),), (jnp.ones(()),))
+with_slope = jax.jit(lambda T: jax.jvp(simulated, (T,), (jnp.ones(()),)))
+exact, slope = with_slope(jnp.asarray(turbidity, float))
 exact, slope = np.asarray(exact), np.asarray(slope)  # the slope dY/dT is for later
 measured = exact * (1 + noise * random.standard_normal(exact.shape))
 observation = af.Observation(
@@ -109,7 +110,7 @@ curve_T = {
     "regenerated": np.linspace(2.0, 6.0, 80),
 }
 predicted = {
-    "simulator": jax.lax.map(simulated, jnp.asarray(curve_T["simulator"])),
+    "simulator": np.stack([with_slope(T)[0] for T in curve_T["simulator"]]),
 }
 for name, model in (("published", af.PREETHAM_1999), ("regenerated", regenerated)):
     predicted[name] = np.stack([model(T, sun, directions)[..., 2] for T in curve_T[name]])

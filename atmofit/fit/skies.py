@@ -15,7 +15,7 @@ from atmofit.checks import choice, in_range
 from atmofit.colour import spectrum_to_xyY
 from atmofit.constants import MAXIMUM_TURBIDITY, MINIMUM_TURBIDITY
 from atmofit.fit.pieces import Pieces, simulation_key
-from atmofit.geometry import Directions, dome_343
+from atmofit.geometry import HORIZON, Directions, dome_343
 from atmofit.optics.atmosphere import GEOMETRIES, Atmosphere
 from atmofit.sky.field import SkyField
 from atmofit.sky.plan import Plan
@@ -81,9 +81,10 @@ class RefitSettings:
     def plan(self) -> Plan:
         """How each sky is computed."""
         atmosphere = Atmosphere.from_turbidity(self.turbidity[0], self.geometry)
+        # For all suns by day, so that no sky depends on which others are asked for.
         return plan_sky(
             atmosphere,
-            solar_zenith_angle=self.solar_zenith_angle,
+            solar_zenith_angle=np.append([0.0, HORIZON], self.solar_zenith_angle),
             orders=self.orders,
             rtol=self.rtol,
             dtype=self.dtype,

@@ -95,7 +95,10 @@ def flip(content):
         (cut, r"\d+ of \d+ bytes are there"),
         (flip, "its checksum is another"),
         (lambda content: content[:20], "its first line is not a checksum and a length"),
-        (lambda content: b"0" + content[1:], "its checksum is another"),
+        (
+            lambda content: b"%x" % (int(content[:1], 16) ^ 1) + content[1:],
+            "its checksum is another",
+        ),
         (lambda _: b"", "its first line is not a checksum and a length"),
     ],
     ids=["cut", "flipped", "cut in the header", "header", "empty"],

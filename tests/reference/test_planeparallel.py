@@ -14,25 +14,29 @@ pytestmark = [pytest.mark.reference, pytest.mark.slow, needs(TABLE)]
 FLOOR = 1e-12  # below, the table has lost its digits
 
 
-def _atmosphere(columns):
-    """The case's atmosphere and which parts it has."""
+def _atmosphere(columns, whole):
+    """The case's atmosphere of the parts it has.
+
+    If `whole`, molecules and haze stand over a ground and under a gas, be it of nothing.
+    """
     first = {name: values[0] for name, values in columns.items()}
     molecules = af.Molecules(first["tauR"], 8.8e3) if first["tauR"] > 0 else None
     haze = None
     if first["tauH"] > 0:
         phase = af.HenyeyGreenstein(first["g"])
         haze = af.Haze(first["tauH"], 0.0, 1.2e3, first["ssaH"], phase)
+    whole = whole and molecules is not None and haze is not None
     gas = af.Absorber(first["tauAbs"], af.GaussianLayer(22e3, 5e3))
     return af.Atmosphere(
         molecules,
         haze,
-        (gas,) if first["tauAbs"] > 0 else (),
-        af.Ground(first["albedo"]) if first["albedo"] > 0 else None,
+        (gas,) if whole or first["tauAbs"] > 0 else (),
+        af.Ground(first["albedo"]) if whole or first["albedo"] > 0 else None,
         geometry="flat",
     )
 
 
-def _simulate(wanted, **choices):
+def _simulate(wanted, whole=False, **choices):
     """Radiance of the wanted cases, by order where the plan says so.
 
     All suns of a case share its field, and cases of one structure a compiled program.
@@ -40,7 +44,7 @@ def _simulate(wanted, **choices):
     alike = {}
     for (case, sun), columns in groups(TABLE).items():
         if wanted(case):
-            atmosphere, dirs = _atmosphere(columns), directions(columns)
+            atmosphere, dirs = _atmosphere(columns, whole), directions(columns)
             kind = (jax.tree.structure(atmosphere), dirs.shape)
             alike.setdefault(kind, {}).setdefault(case, []).append((sun, columns, atmosphere, dirs))
     found = {}
@@ -83,9 +87,9 @@ def first_order():
 
 
 @pytest.fixture(scope="module")
-def second_order():
-    both = _simulate(lambda case: case[0] in "abe", orders=2, rtol=1e-3, by_order=True)
-    return {key: (values[1], columns) for key, (values, columns) in both.items()}
+def orders_apart():
+    """Five orders of each case of molecules, alone or with haze over black ground."""
+    return _simulate(lambda case: case[0] in "abe", whole=True, orders=5, rtol=2e-3, by_order=True)
 
 
 def _largest_error(found, column, letters):
@@ -108,23 +112,19 @@ def test_single_scattering(first_order, letters, rtol):
 
 
 @pytest.mark.parametrize(("letters", "rtol"), [("a", 1e-3), ("be", 5e-3)])
-def test_second_order_alone(second_order, letters, rtol):
-    error, case = _largest_error(second_order, "sos_order2", letters)
+def test_second_order_alone(orders_apart, letters, rtol):
+    second = {key: (values[1], columns) for key, (values, columns) in orders_apart.items()}
+    error, case = _largest_error(second, "sos_order2", letters)
     assert error < rtol, case
-
-
-@pytest.fixture(scope="module")
-def orders_apart():
-    """Five orders of one case of molecules and two with haze."""
-    wanted = ("a_0.3", "b_0.1", "b_0.5")
-    return _simulate(lambda case: case in wanted, orders=5, rtol=2e-3, by_order=True)
 
 
 @pytest.mark.parametrize("order", [3, 4, 5])
 def test_third_to_fifth_order_alone(orders_apart, order):
+    """Without gas, whose layer the rung follows less closely in what it adds to these orders."""
     for key, (values, columns) in orders_apart.items():
-        error = np.abs(values[order - 1] / columns[f"sos_order{order}"] - 1).max()
-        assert error < 1e-2, key
+        if key[0][0] in "ab":
+            error = np.abs(values[order - 1] / columns[f"sos_order{order}"] - 1).max()
+            assert error < 1e-2, key
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_third_to_fifth_order_alone(orders_apart, order):
     ids=["air", "with haze, ground or absorbers", "sharp haze alone"],
 )
 def test_all_orders(cases, rtol, promise):
-    found = _simulate(lambda case: case.startswith(cases), orders="all", rtol=rtol)
+    found = _simulate(lambda case: case.startswith(cases), whole=True, orders="all", rtol=rtol)
     assert len(found) >= 4
     for key, (value, columns) in found.items():
         assert np.abs(value / columns["nanodisort"] - 1).max() < promise, key

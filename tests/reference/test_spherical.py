@@ -12,14 +12,17 @@ pytestmark = [pytest.mark.reference, pytest.mark.slow]
 
 
 def _atmosphere(case):
-    """Case names hold optical depths and albedo: d_molecules_haze or d_molecules_haze_Aalbedo."""
+    """Case names hold optical depths and albedo: d_molecules_haze or d_molecules_haze_Aalbedo.
+
+    Under haze there is always a ground, be it black: such cases share their compiled programs.
+    """
     parts = case.split("_")
-    haze = float(parts[2])
-    return af.Atmosphere(
-        af.Molecules(float(parts[1]), 8.8e3),
-        af.Haze(haze, 0.0, 1.2e3, 1.0, af.HenyeyGreenstein(0.76)) if haze > 0 else None,
-        ground=af.Ground(float(parts[3][1:])) if len(parts) > 3 else None,
-    )
+    molecules, haze = af.Molecules(float(parts[1]), 8.8e3), float(parts[2])
+    if haze == 0:
+        return af.Atmosphere(molecules)
+    albedo = float(parts[3][1:]) if len(parts) > 3 else 0.0
+    hazy = af.Haze(haze, 0.0, 1.2e3, 1.0, af.HenyeyGreenstein(0.76))
+    return af.Atmosphere(molecules, hazy, ground=af.Ground(albedo))
 
 
 def _simulate(table, suns, orders, rtol):

@@ -44,22 +44,26 @@ def test_orders_apart_add_up():
     np.testing.assert_allclose(apart.sum(axis=0), field.radiance(1.2, VIEWS, 1.0), rtol=1e-12)
     np.testing.assert_allclose(apart[0, :, 0], sky(air, 1.2, orders=1), rtol=1e-12)
     with pytest.raises(ValueError, match="by_order=True"):
-        af.solve_sky(air, GREEN, plan=few(air, orders=3)).radiance_by_order(1.2, VIEWS)
+        af.solve_sky(air, GREEN, plan=few(air, orders=1)).radiance_by_order(1.2, VIEWS)
 
 
 def test_many_orders_tend_to_all():
     """Without forward peaks, which all orders treat otherwise than eight of them."""
     air = af.Atmosphere(af.Molecules(0.3, 8e3), geometry="flat")
-    eight = sky(air, 1.0, orders=8)
+    field = af.solve_sky(air, GREEN, plan=few(air, orders=8, by_order=True))
+    apart = np.asarray(field.radiance_by_order(1.0, VIEWS, 1.0))[..., 0]
+    eight = apart.sum(axis=0)
     # The ninth order and above hold the share 0.3^8 at most.
     np.testing.assert_allclose(sky(air, 1.0, orders="all"), eight, rtol=1e-3)
-    assert (sky(air, 1.0, orders=3) < eight).all()
+    assert (apart[:3].sum(axis=0) < eight).all()
 
 
 def test_a_bright_ground_makes_a_bright_sky():
-    black = af.Atmosphere.from_turbidity(3.0, "pseudo-spherical")
-    white = dataclasses.replace(black, ground=af.Ground(1.0))
-    dark, bright = sky(black, 0.8, orders="all"), sky(white, 0.8, orders="all")
+    air = af.Atmosphere.from_turbidity(3.0, "pseudo-spherical")
+    dark, bright = (
+        sky(dataclasses.replace(air, ground=af.Ground(albedo)), 0.8, orders="all")
+        for albedo in (0.0, 1.0)
+    )
     assert (bright > 1.1 * dark).all()
     assert (bright < 3 * dark).all()
 
@@ -78,26 +82,25 @@ def test_reciprocity():
     np.testing.assert_allclose(ways, ways.T, rtol=2e-3)  # the rung's promise
 
 
-def _steps(air, nodes, suns):
+@jax.jit
+def _next_of_even_light(albedo):
+    """What isotropic light of 1 in the slab becomes, and the altitudes."""
+    suns = 2
+    nodes = dataclasses.replace(LADDER[2e-3], sun=suns)
+    air = dataclasses.replace(SLAB, ground=af.Ground(albedo))
     medium = optical_properties(air, jnp.asarray(GREEN))
     unit = jnp.asarray((np.polynomial.chebyshev.chebpts1(nodes.altitude) + 1) / 2)
     altitude, _ = stretched(unit, medium.top, medium.scale)
-    return (
-        transport(medium, FlatPaths(), altitude, nodes, (0.0, np.pi / 2), whole=True),
-        altitude,
-        suns,
-    )
+    step = transport(medium, FlatPaths(), altitude, nodes, (0.0, np.pi / 2), whole=True)
+    shape = (altitude.size, 1, nodes.higher_degrees, nodes.higher_modes, suns)
+    even = jnp.zeros(shape).at[:, :, 0, 0].set(np.sqrt(4 * np.pi))
+    return step(Light(even, jnp.full((1, suns), np.pi))), altitude
 
 
 @pytest.mark.parametrize("albedo", [0.4, 1.0])
 def test_even_light_in_a_closed_room_stays(albedo):
     """Isotropic light of 1 under a ground of 1 loses just what leaves at the top."""
-    nodes = dataclasses.replace(LADDER[2e-3], sun=2)
-    air = dataclasses.replace(SLAB, ground=af.Ground(albedo))
-    step, altitude, suns = _steps(air, nodes, 2)
-    shape = (altitude.size, 1, nodes.higher_degrees, nodes.higher_modes, suns)
-    even = jnp.zeros(shape).at[:, :, 0, 0].set(np.sqrt(4 * np.pi))
-    after = step(Light(even, jnp.full((1, suns), np.pi)))
+    after, altitude = _next_of_even_light(albedo)
     depth = 0.5 * np.exp(-np.asarray(altitude) / 1.2e3)
     mu, weight = np.polynomial.legendre.leggauss(64)
     mu, weight = (mu + 1) / 2, weight / 2
@@ -156,7 +159,7 @@ def test_twilight_is_finite_and_fades(dtype):
 
 def test_suns_that_a_plan_leaves_out_are_refused():
     air = af.Atmosphere.from_turbidity(3.0)
-    day = af.solve_sky(air, GREEN, plan=few(air, solar_zenith_angle=1.0))
+    day = af.solve_sky(air, GREEN, plan=few(air, orders=1, solar_zenith_angle=1.0))
     with pytest.raises(ValueError, match=r"solar_zenith_angle must be .* got 1\.6"):
         day.radiance(1.6, VIEWS)
 
@@ -165,7 +168,7 @@ def test_pseudo_spherical_lies_between():
     """High suns see a flat Earth; low ones still shine, and less than over a plane."""
     suns = (0.3, np.radians(87.0))
     flat, pseudo = (
-        [sky(af.Atmosphere.from_turbidity(2.0, name), sun, orders=2) for sun in suns]
+        [sky(af.Atmosphere(af.Molecules(), geometry=name), sun, orders=2) for sun in suns]
         for name in ("flat", "pseudo-spherical")
     )
     np.testing.assert_allclose(pseudo[0], flat[0], rtol=1e-2)
@@ -201,7 +204,7 @@ def test_sharp_peaks_are_finite_with_their_slopes(asymmetry):
 
 
 def test_new_values_do_not_recompile():
-    air = af.Atmosphere.from_turbidity(3.0)
+    air = af.Atmosphere.from_turbidity(3.0, "flat")
     plan, traces = few(air, orders="all"), []
 
     @eqx.filter_jit
@@ -210,5 +213,5 @@ def test_new_values_do_not_recompile():
         return af.simulate_sky(air, sun, VIEWS, GREEN, plan=plan, solar_irradiance=1.0)
 
     for turbidity in (2.0, 5.0):
-        run(af.Atmosphere.from_turbidity(turbidity), jnp.asarray(0.3 * turbidity))
+        run(af.Atmosphere.from_turbidity(turbidity, "flat"), jnp.asarray(0.3 * turbidity))
     assert len(traces) == 1
