@@ -18,7 +18,8 @@ def real_array(value: Any) -> Reals:
     known = isinstance(value, jax.Array | np.ndarray | np.generic)
     array = value if known else np.asarray(value)
     if jnp.issubdtype(array.dtype, jnp.floating):
-        return jnp.asarray(array)
+        # JAX 0.10 may remember a NumPy array in double precision, and hand it out so in single.
+        return jnp.asarray(array, jax.dtypes.canonicalize_dtype(array.dtype))
     return jnp.asarray(array).astype(float)
 
 

@@ -90,6 +90,9 @@ class Score(TypedDict):
         rms_mW: Over all directions and wavelengths [mW m^-2 sr^-1 nm^-1].
         rms_far_mW: The same without directions within 10 degrees of the sun.
         luminance_rms_relative: Relative to the measured luminance of each direction [-].
+        luminance_level: Model over measured luminance, the geometric mean of all directions [-].
+        luminance_pattern_rms: Of the logarithm of this ratio, each scan's mean taken out [-].
+        rms_mW_by_scan: `rms_mW` of each scan of the month, in the order of time.
     """
 
     model: str
@@ -97,6 +100,9 @@ class Score(TypedDict):
     rms_mW: float
     rms_far_mW: float
     luminance_rms_relative: float
+    luminance_level: float
+    luminance_pattern_rms: float
+    rms_mW_by_scan: list[float]
 
 
 def data_folder() -> Path:
@@ -105,8 +111,8 @@ def data_folder() -> Path:
     return Path(os.environ.get("ATMOFIT_DATA", beside))
 
 
-def read_npz(folder: Path, name: str) -> dict[str, np.ndarray]:
-    """All arrays of a file of the data folder.
+def data_file(folder: Path, name: str) -> Path:
+    """Path of a file of the data folder.
 
     Raises:
         DataMissing: The file is absent; the message is one line.
@@ -119,7 +125,16 @@ def read_npz(folder: Path, name: str) -> dict[str, np.ndarray]:
             "measured_sky_2013/scans.npz and reference/, named by ATMOFIT_DATA or lying at "
             "../shared/data beside the checkout"
         )
-    with np.load(path) as arrays:
+    return path
+
+
+def read_npz(folder: Path, name: str) -> dict[str, np.ndarray]:
+    """All arrays of a file of the data folder.
+
+    Raises:
+        DataMissing: The file is absent.
+    """
+    with np.load(data_file(folder, name)) as arrays:
         return {key: arrays[key] for key in arrays.files}
 
 
@@ -193,7 +208,8 @@ def score(skies: Skies, predictions: list[Prediction]) -> list[Score]:
     scores: list[Score] = []
     for prediction in predictions:
         error_mW = 1e3 * (prediction.radiance - skies.radiance)
-        relative = prediction.luminance / skies.luminance - 1
+        ratio = prediction.luminance / skies.luminance
+        level = np.log(ratio).mean(axis=1, keepdims=True)
         for group, scans in skies.groups.items():
             scores.append(
                 {
@@ -201,7 +217,10 @@ def score(skies: Skies, predictions: list[Prediction]) -> list[Score]:
                     "group": group,
                     "rms_mW": _rms(error_mW[scans]),
                     "rms_far_mW": _rms(error_mW[scans][far[scans]]),
-                    "luminance_rms_relative": _rms(relative[scans]),
+                    "luminance_rms_relative": _rms(ratio[scans] - 1),
+                    "luminance_level": float(np.exp(level[scans].mean())),
+                    "luminance_pattern_rms": _rms((np.log(ratio) - level)[scans]),
+                    "rms_mW_by_scan": [_rms(scan) for scan in error_mW[scans]],
                 }
             )
     return scores

@@ -121,12 +121,30 @@ def simulation(
     skies: Skies, atmosphere: af.Atmosphere, solar_irradiance: af.Spectrum, orders: int | str
 ) -> Prediction:
     """The simulator with the atmosphere of the codes; one field serves all suns."""
-    field = af.solve_sky(atmosphere, skies.wavelength_nm, orders=orders)
-    radiance = np.stack(
-        [
-            np.asarray(field.radiance(sun, directions, solar_irradiance=solar_irradiance))
-            for sun, directions in zip(skies.solar_zenith_angle, skies.directions, strict=True)
-        ]
-    )
+    every = np.ones(len(skies.time), bool)
+    radiance = simulated_radiance(skies, every, atmosphere, solar_irradiance, orders)
     name = "simulation_all_orders" if orders == "all" else f"simulation_order_{orders}"
     return Prediction(name, radiance, luminance(radiance, skies.wavelength_nm))
+
+
+def simulated_radiance(
+    skies: Skies,
+    scans: np.ndarray,
+    atmosphere: af.Atmosphere,
+    solar_irradiance: af.Spectrum,
+    orders: int | str,
+) -> np.ndarray:
+    """Radiance [scan, direction, wavelength] of the scans that are chosen [boolean] by the mask."""
+    field = af.solve_sky(atmosphere, skies.wavelength_nm, orders=orders)
+    return np.stack(
+        [
+            np.asarray(
+                field.radiance(
+                    skies.solar_zenith_angle[scan],
+                    skies.directions[scan],
+                    solar_irradiance=solar_irradiance,
+                )
+            )
+            for scan in np.flatnonzero(scans)
+        ]
+    )

@@ -43,8 +43,9 @@ def _domes(
     low, high = limits or (float(np.percentile(values, 1)), float(values.max()))
     norm = LogNorm(low, high)
     columns = np.flatnonzero(scans)
-    width, height = 1.3 * columns.size + 1.6, 1.3 * len(rows) + 1.5  # inches
-    left = 1.4 / width
+    names = 0.25 + 0.055 * max(map(len, rows))  # inches, as are the others
+    width, height = 1.3 * columns.size + names + 0.2, 1.3 * len(rows) + 1.5
+    left = names / width
     figure = Figure(figsize=(width, height), dpi=110)
     grid = figure.subplots(
         len(rows), columns.size, squeeze=False, subplot_kw={"projection": "polar"}

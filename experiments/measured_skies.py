@@ -12,6 +12,7 @@ from pathlib import Path
 
 import jax
 import tyro
+from measured_air import describe, real_air
 from measured_data import (
     DataMissing,
     Prediction,
@@ -36,17 +37,20 @@ from run_files import commit
 import atmofit as af
 
 HEADER = ["model", "group", "RMS", "RMS far from the sun", "luminance, relative RMS"]
+HEADER += ["level", "pattern"]
 
 NOTE = """\
 RMS in mW m^-2 sr^-1 nm^-1 over all directions and 40 wavelengths (360 to 818 nm); far: without
 directions within 10 degrees of the sun. Measured spectra are interpolated linearly at the 40
-wavelengths. Luminance: relative to the measured luminance of each direction.
+wavelengths. Luminance: relative to the measured luminance of each direction; level: the model's
+over the measured, geometric mean; pattern: RMS of this ratio's logarithm, each scan's mean taken
+out.
 
 Both analytic models have turbidity {turbidity:.2f} (from the aerosol optical depth {depth:g} at
 550 nm, no lower than 2); their spectra are daylight spectra (CIE D series) of the model's
 chromaticity, scaled to its luminance. perez_free is fitted to each scan, and for the spectral
-figures to each wavelength. The simulation has the atmosphere of the codes; a
-reflection at the ground counts as an order.
+figures to each wavelength. simulation_order_1, simulation_order_2 and simulation_all_orders have
+the atmosphere of the codes; a reflection at the ground counts as an order.
 September had another aerosol than the codes and the simulation were given."""
 RESAMPLING = """\
 What the resampling does: measured spectra averaged over the 11.75 nm that begin at each
@@ -79,11 +83,12 @@ def main(config: Config) -> None:
         model = regenerated_model(config.coefficients)
         predictions = [*predict(config, folder, skies, model), *codes]
         other = score(read_skies(folder, band=True), codes)
+        air = describe(folder)
     except (DataMissing, OSError, ValueError) as error:
         print(f"measured_skies: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     scores = score(skies, predictions)
-    table = report(config, scores, other)
+    table = report(config, scores, other, air)
     print(table)
     (config.out / "table.md").write_text(table + "\n")
     (config.out / "scores.json").write_text(json.dumps(scores, indent=1) + "\n")
@@ -106,14 +111,16 @@ def predict(
         _timed(simulation, skies, atmosphere, irradiance, 1),
         _timed(simulation, skies, atmosphere, irradiance, 2),
         _timed(simulation, skies, atmosphere, irradiance, "all"),
+        _timed(real_air, skies, folder),
     ]
 
 
-def report(config: Config, scores: list[Score], other: list[Score]) -> str:
+def report(config: Config, scores: list[Score], other: list[Score], air: str) -> str:
     """The table in Markdown, with what has to be known to read it."""
     depth, turbidity = config.aerosol_optical_depth, _turbidity(config)
     note = NOTE.format(depth=depth, turbidity=turbidity)
-    return "\n".join([*_table(scores), "", note, "", RESAMPLING, "", *_table(other)])
+    lines = [*_table(scores), "", note, "", air, "", RESAMPLING, "", *_table(other)]
+    return "\n".join(lines)
 
 
 def _table(scores: list[Score]) -> list[str]:
@@ -124,6 +131,8 @@ def _table(scores: list[Score]) -> list[str]:
             f"{row['rms_mW']:.1f}",
             f"{row['rms_far_mW']:.1f}",
             f"{100 * row['luminance_rms_relative']:.1f} %",
+            f"{row['luminance_level']:.2f}",
+            f"{100 * row['luminance_pattern_rms']:.1f} %",
         ]
         for row in scores
     ]

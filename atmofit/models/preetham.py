@@ -13,7 +13,7 @@ from atmofit.checks import angle_in_range, in_range
 from atmofit.extremes import Case, Domain, extremes
 from atmofit.geometry import HORIZON, DirectionGrid, Directions, scattering_angle
 from atmofit.models.perez import perez_formula
-from atmofit.typing import Reals, RealsLike, Scalar
+from atmofit.typing import Reals, RealsLike, Scalar, real_array
 
 CANDELA_PER_KILOCANDELA = 1e3
 CHI_OFFSET, CHI_SLOPE = 4 / 9, 1 / 120  # chi = (4/9 - T/120) (pi - 2 solar zenith angle)
@@ -86,7 +86,9 @@ class PreethamModel(eqx.Module):
         view, azimuth = directions.angles()
         T, s = self._checked(turbidity, solar_zenith_angle, view.dtype)
         view = angle_in_range("view_zenith_angle", view, 0.0, HORIZON)
-        return _sky(self, T, s, view, in_range("relative_azimuth", azimuth, -np.inf, np.inf))
+        # JAX 0.10 remembers NumPy arguments in the precision that it first met them in.
+        known = jax.tree.map(real_array, self)
+        return _sky(known, T, s, view, in_range("relative_azimuth", azimuth, -np.inf, np.inf))
 
     def zenith(self, turbidity: RealsLike, solar_zenith_angle: RealsLike) -> Reals:
         """x, y and Y [cd m^-2] at the zenith, on a last axis of 3.

@@ -120,3 +120,13 @@ def test_bad_model():
     }
     with pytest.raises(ValueError, match=r"turbidity_range must increase.*\(5, 2\)"):
         PreethamModel(**matrices, turbidity_range=(5.0, 2.0))
+
+
+def test_in_single_precision_after_double():
+    sky = DirectionGrid(jnp.array([0.3, 0.9]), jnp.array([0.0]))
+    traced = jax.jit(lambda T, s, sky: PREETHAM_1999(T, s, sky))
+    double = traced(3.0, 0.9, sky)
+    with jax.enable_x64(False):
+        single = traced(*jax.tree.map(jnp.float32, (3.0, 0.9, sky)))
+        assert single.dtype == jnp.float32
+    np.testing.assert_allclose(single, double, rtol=1e-5)
