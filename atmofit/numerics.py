@@ -199,6 +199,16 @@ def gauss_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
     return (nodes + 1) / 2, weights / 2
 
 
+def batched_product(matrices: Reals, values: Reals, batch: int) -> Reals:
+    """Matrix products over the first axes: [*batch, i, k] times [*batch, k, ...].
+
+    In this order, whatever is large stays in place; `einsum` may swap the two.
+    """
+    axes = tuple(range(batch))
+    dimensions = (((batch + 1,), (batch,)), (axes, axes))
+    return jax.lax.dot_general(matrices, values, dimensions)
+
+
 def legendre_table(cosine: np.ndarray, count: int) -> np.ndarray:
     """Legendre polynomials P_0 .. P_(count-1), on a new last axis."""
     return np.polynomial.legendre.legvander(cosine, count - 1)

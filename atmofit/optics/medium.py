@@ -110,16 +110,28 @@ class Medium(eqx.Module):
         return columns[..., : len(self.phases)] @ (self.peaks * self.scattering)
 
     def smooth_phase_functions(
-        self, cosine: Float[Array, "*s"], degrees: int
-    ) -> tuple[Float[Array, "*s w"], ...]:
+        self, cosine: Float[Array, "*n s"], degrees: int
+    ) -> tuple[Float[Array, "*n w s"], ...]:
         """As `phase_functions`, from so many moments, without the forward peaks.
 
         Args:
             cosine: Of the scattering angle.
             degrees: Legendre moments. Static.
+
+        Returns:
+            With the wavelength before the last axis of the cosine.
         """
         basis = _legendre_series(cosine, degrees)
-        return tuple(basis @ each for each in self.moments(degrees))
+        functions = []
+        for c, phase in enumerate(self.phases):
+            # Not yet for every wavelength, where they do not depend on it.
+            moments = phase.moments(degrees, self.wavelength_nm)
+            value = jnp.moveaxis(jnp.tensordot(moments.T, basis, (1, -1)), 0, -2)
+            if self.peaks is not None:
+                even = basis.sum(axis=-1)[..., None, :]
+                value = value - self.peaks[c][:, None] * even
+            functions.append(value * self.scattering[c][:, None])
+        return tuple(functions)
 
     def deflected_phase_functions(self, angle: Reals, degrees: int) -> tuple[Reals, ...]:
         """As `phase_functions`, of light that a forward peak deflects before or after.

@@ -16,7 +16,6 @@ from atmofit.optics.medium import Medium
 from atmofit.sky.look import (
     LineOfSight,
     diffuse_radiance,
-    diffuse_sources,
     line_of_sight,
     single_scattering,
 )
@@ -32,7 +31,8 @@ from atmofit.typing import Reals, RealsLike, Scalar
 T = TypeVar("T")
 
 _PAPER_LIMIT = math.radians(70.0)  # below, the 1999 paper takes the Earth as flat
-_RING_BATCH = 16  # directions worked on at a time, a compromise of memory and speed
+# Worked on at a time, a compromise of memory and speed.
+_RINGS_AT_ONCE, _DIRECTIONS_AT_ONCE = 32, 512
 HIGHEST_OBSERVER = 1e5  # [m]
 
 
@@ -204,47 +204,48 @@ def _radiance_in(
     assert medium is not None
     zenith, azimuth, place = _by_ring(directions)
 
-    def of_ring(ring: tuple[Scalar, Float[Array, " azimuth"]]) -> Float[Array, "azimuth order w"]:
-        view, azimuths = ring
-        count = plan.nodes.view
-        sight = line_of_sight(medium, paths, observer, view, count, free_path=True)
-        single = jax.vmap(lambda a: single_scattering(medium, paths, sight, view, a, sun, plan))(
-            azimuths
-        )
-        count = plan.nodes.view_second
-        sight = line_of_sight(medium, paths, observer, view, count, free_path=False)
-        diffuse = [_diffuse(medium, paths, table, sight, azimuths, sun) for table in moments]
+    def of_rings(
+        rings: tuple[Float[Array, " ring"], Float[Array, "ring azimuth"]],
+    ) -> Float[Array, "ring azimuth order w"]:
+        view, azimuths = rings
+
+        def sights(count: int, free_path: bool) -> LineOfSight:
+            return jax.vmap(
+                lambda one: line_of_sight(medium, paths, observer, one, count, free_path)
+            )(view)
+
+        sight = sights(plan.nodes.view, free_path=True)
+        single = single_scattering(medium, paths, sight, view, azimuths, sun, plan)
+        sight = sights(plan.nodes.view_second, free_path=False)
+        diffuse = [
+            diffuse_radiance(medium, table, paths, sight, azimuths, sun) for table in moments
+        ]
         return _gather_orders(single, diffuse, plan)
 
-    batch = max(1, _RING_BATCH // azimuth.shape[1])
-    values = jax.lax.map(jax.checkpoint(of_ring), (zenith, azimuth), batch_size=batch)
-    values = values.reshape(-1, *values.shape[2:])[place]
+    count, widest = azimuth.shape
+    most = max(1, min(_RINGS_AT_ONCE, _DIRECTIONS_AT_ONCE // widest))
+    batches = -(-count // most)
+    each = -(-count // batches)
+    # The last batch repeats the last ring where there are not enough.
+    rings = np.minimum(np.arange(batches * each), count - 1).reshape(batches, each)
+    values = jax.lax.map(jax.checkpoint(of_rings), (zenith[rings], azimuth[rings]))
+    values = values.reshape(-1, *values.shape[3:])[place]
     return jnp.moveaxis(values, 1, 0)
-
-
-def _diffuse(
-    medium: Medium, paths: Paths, table: Moments, sight: LineOfSight, azimuths: Reals, sun: Scalar
-) -> Float[Array, "azimuth w"]:
-    """Radiance from one table of moments along one ring."""
-    sources = diffuse_sources(medium, table, sight)
-    return jax.vmap(lambda a: diffuse_radiance(sources, table, paths, sight.points, a, sun))(
-        azimuths
-    )
 
 
 def _gather_orders(
     single: tuple[Reals, ...], diffuse: list[Reals], plan: Plan
-) -> Float[Array, "azimuth order w"]:
+) -> Float[Array, "ring azimuth order w"]:
     """Orders apart, or their sum."""
     if not plan.by_order:
         parts = [*single, *diffuse]
-        return sum(parts[1:], parts[0])[:, None]
+        return sum(parts[1:], parts[0])[..., None, :]
     orders = [jnp.zeros_like(single[0])] * int(plan.orders)
     for order, part in enumerate(single):
         orders[order] = orders[order] + part
     for order, part in enumerate(diffuse, 1):
         orders[order] = orders[order] + part
-    return jnp.stack(orders, axis=1)
+    return jnp.stack(orders, axis=-2)
 
 
 def _by_ring(

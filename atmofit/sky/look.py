@@ -1,16 +1,25 @@
 """Along a line of sight: how much light of each order arrives at the observer."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from atmofit.geometry import scattering_angle
-from atmofit.numerics import chebyshev_basis, gauss_nodes, harmonics, safe_divide, safe_sqrt
+from atmofit.numerics import (
+    batched_product,
+    chebyshev_basis,
+    gauss_nodes,
+    harmonics,
+    safe_divide,
+    safe_sqrt,
+)
 from atmofit.optics.medium import Medium
 from atmofit.optics.profiles import LayeredProfile
 from atmofit.sky.paths import Paths, Point, stretched, unstretched
 from atmofit.sky.plan import Plan
-from atmofit.sky.sources import Moments, forward_factors, sun_place, twilight
+from atmofit.sky.sources import ModeBlock, Moments, sun_place, twilight
+from atmofit.sky.sunlight import path_integrals, sun_columns
 from atmofit.typing import Reals, Scalar
 
 _HALF_PANEL_STEPS = 3  # at least so many from a kink of a tabulated density to midway
@@ -109,109 +118,134 @@ def _edges(
     return jnp.sort(jnp.concatenate([ends, jnp.clip(inner, 0.0, length)]))
 
 
-def local_sun(points: Point, azimuth: Scalar, sun: Scalar) -> tuple[Reals, Reals, Reals]:
-    """The sun seen from the points of a ray.
+def local_sun(
+    points: Point, azimuth: Float[Array, "ring azimuth"], sun: Scalar
+) -> tuple[Reals, Reals, Reals]:
+    """The sun seen from the points of some rays.
 
     Args:
-        points: Of the ray.
-        azimuth: Of the ray, 0 toward the sun [rad].
+        points: Of the rays, [ring, step].
+        azimuth: Of the rays, 0 toward the sun [rad].
         sun: Solar zenith angle at the observer [rad].
 
     Returns:
         Cosine of the local solar zenith angle, its sine times the cosine of the local relative
-        azimuth, and its sine times the sine of it; all [step].
+        azimuth, and its sine times the sine of it; all [ring, azimuth, step].
     """
-    ahead = jnp.sin(sun) * jnp.cos(azimuth)
-    up = jnp.cos(sun) * points.turn_cosine + ahead * points.turn_sine
-    along = ahead * points.turn_cosine - jnp.cos(sun) * points.turn_sine
-    return up, along, jnp.full_like(along, jnp.sin(sun) * jnp.sin(azimuth))
+    ahead, aside = ((jnp.sin(sun) * f(azimuth))[..., None] for f in (jnp.cos, jnp.sin))
+    turn_cosine, turn_sine = points.turn_cosine[:, None], points.turn_sine[:, None]
+    up = jnp.cos(sun) * turn_cosine + ahead * turn_sine
+    along = ahead * turn_cosine - jnp.cos(sun) * turn_sine
+    return up, along, jnp.broadcast_to(aside, along.shape)
 
 
 def single_scattering(
     medium: Medium,
     paths: Paths,
     sight: LineOfSight,
-    view: Scalar,
-    azimuth: Scalar,
+    view: Float[Array, " ring"],
+    azimuth: Float[Array, "ring azimuth"],
     sun: Scalar,
     plan: Plan,
-) -> tuple[Float[Array, " w"], ...]:
+) -> tuple[Float[Array, "ring azimuth w"], ...]:
     """Radiance of sunlight scattered once with the exact phase function [1/sr].
 
     Over solar irradiance; one for each term of `forward_factors`, which belongs to one more order.
+    The lines of sight are those of all rings.
     """
-    sun_cosine, _, _ = local_sun(sight.points, azimuth, sun)
-    columns, up = [], jnp.ones_like(sun_cosine)
-    for profile in medium.profiles:
-        column, up = paths.sun_column(profile, sight.points.altitude, sun_cosine)
-        columns.append(column)
-    toward_sun = jnp.stack(columns, axis=-1)
-    columns = toward_sun + sight.columns
-    sunlight = jnp.exp(-(columns @ medium.extinction)) * up[:, None]
-    angle = scattering_angle(view, azimuth, sun)
-    weights = [p.density(sight.points.altitude) * sight.length for p in medium.scattering_profiles]
+    # Where the sun is at the same place everywhere, one azimuth's light stands for all.
+    distinct = azimuth if paths.curved else azimuth[:, :1]
+    z = sight.points.altitude.T
+    sun_cosine = jnp.moveaxis(local_sun(sight.points, distinct, sun)[0], -1, 0)
+    toward_sun, up = sun_columns(medium, paths, z[..., None], sun_cosine)
+    columns = toward_sun + jnp.transpose(sight.columns, (1, 2, 0))[..., None]
+    density = jnp.stack([p.density(z) * sight.length.T for p in medium.scattering_profiles], axis=1)
+    weight = density[..., None] * up[:, None]
+    # All directions share an axis: long loops are fast ones.
+    columns, weight = (values.reshape(*values.shape[:2], -1) for values in (columns, weight))
+    angle = scattering_angle(jnp.broadcast_to(view[:, None], azimuth.shape), azimuth, sun)
+    exact = medium.phase_functions(angle)
 
-    def scattered(phases: tuple[Reals, ...], light: Reals) -> Float[Array, " w"]:
-        parts = [phase * (weight @ light) for phase, weight in zip(phases, weights, strict=True)]
+    def scattered(phases: tuple[Reals, ...], light: Reals) -> Float[Array, "ring azimuth w"]:
+        light = jnp.moveaxis(light.reshape(*light.shape[:2], *distinct.shape), 1, -1)
+        parts = [phase * part for phase, part in zip(phases, light, strict=True)]
         return sum(parts[1:], parts[0])
 
-    exact = medium.phase_functions(angle)
-    deflected = medium.deflected(columns)
-    if deflected is None:
-        return (scattered(exact, sunlight),)
+    if medium.peaks is None:
+        return (scattered(exact, path_integrals(medium, columns, weight)[0]),)
     between = medium.deflected_phase_functions(angle, plan.nodes.degrees)
     if not plan.counts_peaks:
-        # The extinction leaves the peaks out: those that meet none, and all others.
-        met = -jnp.expm1(-deflected)
-        return (scattered(exact, sunlight * (1 - met)) + scattered(between, sunlight * met),)
-    first, *others = forward_factors(deflected, plan.arriving_orders + 1)
-    return (
-        scattered(exact, sunlight * first),
-        *(scattered(between, sunlight * factor) for factor in others),
-    )
+        # The extinction leaves the peaks out: light that met none, and all.
+        none, every = path_integrals(medium, columns, weight, peaks="met or not")
+        return (scattered(exact, none) + scattered(between, every - none),)
+    terms = path_integrals(medium, columns, weight, peaks=plan.arriving_orders + 1)
+    return (scattered(exact, terms[0]), *(scattered(between, term) for term in terms[1:]))
 
 
-def diffuse_sources(
+def sources_per_mode(
     medium: Medium, moments: Moments, sight: LineOfSight
-) -> Float[Array, "step m sun w"]:
-    """What each step of a ray sends to the observer after another scattering, for every sun.
+) -> tuple[Float[Array, "m ring step w sun"], ...]:
+    """What each step of some rays sends to the observer after another scattering, for every sun.
 
-    Over `twilight`, as coefficients in the sun.
+    Over `twilight`, as coefficients in the sun, for each block of modes. The lines of sight are
+    those of all rings.
     """
-    altitudes, modes, degrees, _, _ = moments.coefficients.shape
     z = sight.points.altitude
     place = 2 * unstretched(z, moments.top, moments.scale) - 1
-    basis = chebyshev_basis(jnp.clip(place, -1.0, 1.0), altitudes)
+    basis = chebyshev_basis(jnp.clip(place, -1.0, 1.0), moments.log_brightness.shape[0])
     brightness = jnp.exp(basis @ moments.log_brightness)
-    arriving = jnp.tensordot(basis, moments.coefficients, 1)
-    density = jnp.stack([profile.density(z) for profile in medium.scattering_profiles])
-    scattered = jnp.tensordot(density.T, medium.moments(degrees, moments.whole), 1)
-    dimming = jnp.exp(-sight.columns @ medium.extinction) * sight.length[:, None]
-    strength = scattered * (dimming * brightness)[:, None, :]
-    y = harmonics(sight.points.cosine, sight.points.sine, degrees, modes)
-    twice = jnp.where(jnp.arange(modes) > 0, 2.0, 1.0).astype(y.dtype)
-    y = y * twice[None, None, :]
-    return jnp.einsum("qmlsw,qlm,qlw->qmsw", arriving, y, strength)
+    dimming = jnp.exp(-sight.columns @ medium.extinction) * sight.length[..., None] * brightness
+    density = [profile.density(z) for profile in medium.scattering_profiles]
+    y = harmonics(sight.points.cosine, sight.points.sine, moments.degrees, moments.modes)
+    twice = jnp.where(jnp.arange(moments.modes) > 0, 2.0, 1.0).astype(y.dtype)
+    y = y * twice
+
+    def of_block(block: ModeBlock) -> Float[Array, "m ring step w sun"]:
+        modes = slice(block.first, block.first + block.sources.shape[0])
+        parts = [
+            y[:, :, block.first : degrees, modes] * dense[..., None, None]
+            for degrees, dense in zip(block.degrees, density, strict=True)
+            if degrees > block.first
+        ]
+        each = jnp.transpose(jnp.concatenate(parts, axis=2), (3, 0, 1, 2))
+        each = basis[None, ..., None] * each[..., None, :]
+        sent = batched_product(
+            each.reshape(each.shape[0], z.size, -1), block.sources, 1
+        )
+        return sent.reshape(*each.shape[:3], *sent.shape[2:]) * dimming[None, ..., None]
+
+    return tuple(of_block(block) for block in moments.blocks)
 
 
 def diffuse_radiance(
-    sources: Float[Array, "step m sun w"],
+    medium: Medium,
     moments: Moments,
     paths: Paths,
-    points: Point,
-    azimuth: Scalar,
+    sight: LineOfSight,
+    azimuth: Float[Array, "ring azimuth"],
     sun: Scalar,
-) -> Float[Array, " w"]:
-    """Radiance of light scattered once more, over solar irradiance [1/sr]."""
-    _, modes, suns, _ = sources.shape
+) -> Float[Array, "ring azimuth w"]:
+    """Radiance of light scattered once more, over solar irradiance [1/sr].
+
+    The lines of sight are those of all rings.
+    """
+    sources, points = sources_per_mode(medium, moments, sight), sight.points
+    if not paths.curved:
+        # The sun is at the same place everywhere, and twilight too.
+        sources = tuple(block.sum(axis=2, keepdims=True) for block in sources)
+        points = jax.tree.map(lambda values: values[:, :1], points)
+    suns = sources[0].shape[-1]
     up, along, aside = local_sun(points, azimuth, sun)
     sine = safe_sqrt(along**2 + aside**2)
     angle = jnp.arctan2(sine, up)
     of_sun = chebyshev_basis(sun_place(angle, moments.local_suns), suns)
-    of_mode = chebyshev_basis(safe_divide(along, sine), modes)
-    # One after the other: on a CPU five times as fast as with the product of both bases.
-    at_sun = jnp.einsum("qu,qmuw->qmw", of_sun, sources)
-    dimming = twilight(paths, points.altitude, jnp.clip(angle, *moments.local_suns))
-    radiance = jnp.einsum("qm,qmw->w", of_mode * dimming[:, None], at_sun)
+    altitude = points.altitude[:, None]
+    of_sun = of_sun * twilight(paths, altitude, jnp.clip(angle, *moments.local_suns))[..., None]
+    of_mode = jnp.moveaxis(chebyshev_basis(safe_divide(along, sine), moments.modes), -1, 2)
+    total = jnp.zeros((), of_sun.dtype)
+    for block, part in zip(moments.blocks, sources, strict=True):
+        of_block = of_mode[:, :, block.first : block.first + part.shape[0]]
+        weight = of_block[..., None] * of_sun[:, :, None]
+        total = total + jnp.einsum("ramqs,mrqws->raw", weight, part)
     # Where the sun gives no light, interpolation may leave -1e-6 of what it gives by day.
-    return jnp.maximum(radiance, 0.0)
+    return jnp.maximum(total, 0.0)

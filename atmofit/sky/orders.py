@@ -6,19 +6,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from atmofit.numerics import harmonics, safe_divide, safe_sqrt
+from atmofit.numerics import batched_product, harmonics, safe_divide, safe_sqrt
 from atmofit.optics.medium import Medium
 from atmofit.sky.ladder import Nodes
-from atmofit.sky.paths import Paths, SphericalPaths
-from atmofit.sky.streams import Layers, Streams, layers, stencil_start, streams
+from atmofit.sky.paths import Paths
+from atmofit.sky.streams import Layers, Streams, layers, streams
 from atmofit.sky.sun_angles import SunRange
 from atmofit.sky.turning import turning_matrix
 from atmofit.typing import Reals
 
-Index = Int[Array, ""]
-_POWERS = 3  # of the angle turned along a ray: 0, 1, 2
 _PARALLEL = 10.0  # squares this many roundings of the whole count as nothing
 
 
@@ -27,11 +25,11 @@ class Light(NamedTuple):
 
     Attributes:
         moments: Of the radiance that arrives at each altitude, over solar irradiance,
-            [altitude, wavelength, degree, mode, sun].
+            [altitude, mode, degree, wavelength, sun].
         irradiance: Of the ground by it, over solar irradiance, [wavelength, sun].
     """
 
-    moments: Float[Array, "z w l m sun"]
+    moments: Float[Array, "z m l w sun"]
     irradiance: Float[Array, "w sun"]
 
 
@@ -42,101 +40,114 @@ class Transport(eqx.Module):
         rays: Shared by all altitudes.
         upward: Layers of the light that comes from above, seen from below.
         downward: Layers of the light that comes from below, seen from above.
-        above: One minus transmittance from the highest altitude to space, [wavelength, ray].
         strength: Scattering over extinction times Legendre moments,
-            [altitude, wavelength, degree].
-        functions: Spherical harmonics of the rays' directions, seen upward, then downward,
-            [altitude, ray, degree, mode].
+            [altitude, degree, wavelength].
+        above: Spherical harmonics of the rays' directions, seen upward,
+            [altitude, mode, ray, degree].
+        below: Likewise, seen downward.
         albedo: Of the ground, [wavelength], or None.
-        local_suns: Range of local solar zenith angles [rad]. Static.
-        curved: Whether the local sun turns along a ray. Static.
+        turning: From the light weighted with the angle turned to the power 1 and 2, [mode * sun],
+            to what it adds, [power, mode * sun, mode * sun]; None where the local sun does not
+            turn along a ray.
     """
 
     rays: Streams
     upward: Layers
     downward: Layers
-    above: Float[Array, "w ray"]
-    strength: Float[Array, "z w l"]
-    functions: Float[Array, "z rays l m"]
+    strength: Float[Array, "z l w"]
+    above: Float[Array, "z m ray l"]
+    below: Float[Array, "z m ray l"]
     albedo: Float[Array, " w"] | None
-    local_suns: SunRange = eqx.field(static=True)
-    curved: bool = eqx.field(static=True)
+    turning: Float[Array, "2 p p"] | None
 
     def __call__(self, light: Light) -> Light:
         """The next order."""
-        source = light.moments * self.strength[..., None, None]
-        # Light by mode, in the directions of all rays: [z, w, rays, m, sun].
-        source = jnp.einsum("zrlm,zwlms->zwrms", self.functions, source)
-        count = self.rays.cosine.shape[1]
-        from_above, at_ground = self._down(source[:, :, :count])
-        from_below = self._up(source[:, :, count:], at_ground, light.irradiance)
-        arriving = jnp.concatenate([self._turned(from_above), self._turned(from_below)], axis=2)
-        weight = jnp.concatenate([self.rays.weight, self.rays.weight], axis=1)
-        onto = 2 * np.pi * self.functions * weight[..., None, None]
-        moments = jnp.einsum("zrlm,zwrms->zwlms", onto, arriving)
-        down = (2 * np.pi * self.rays.weight * self.rays.cosine)[0]
-        irradiance = jnp.einsum("r,wrs->ws", down, arriving[0, :, :count, 0])
-        return Light(moments, irradiance)
+        source = light.moments * self.strength[:, None, :, :, None]
+        down, at_ground = self._sweep(
+            self.upward, self._onto_rays(self.above, source), None, reverse=True
+        )
+        start = self._from_ground(at_ground, light.irradiance)
+        up, _ = self._sweep(
+            self.downward, self._onto_rays(self.below, source), start, reverse=False
+        )
+        moments = self._onto_moments(self.above, down) + self._onto_moments(self.below, up)
+        weight = (2 * np.pi * self.rays.weight * self.rays.cosine)[0]
+        suns = light.irradiance.shape[-1]
+        return Light(moments, jnp.tensordot(weight, down[0, :, :, :suns], 1))
 
-    def _down(self, source: Reals) -> tuple[Reals, Reals]:
-        """Light that comes from above: [power, z, w, ray, m, sun], and what reaches the ends."""
-        start = jnp.zeros((_POWERS, *source.shape[1:]), source.dtype)
-        start = start.at[0].set(source[-1] * self.above[..., None, None])
-        end, passed = self._sweep(self.upward, source, start, reverse=True)
-        return jnp.concatenate([passed, start[None]]), end
+    @staticmethod
+    def _onto_rays(
+        functions: Float[Array, "z m ray l"], source: Float[Array, "z m l w sun"]
+    ) -> Float[Array, "z ray w p"]:
+        """Light in the directions of all rays; modes and suns share an axis."""
+        on_rays = jnp.moveaxis(batched_product(functions, source, 2), 1, 3)
+        return on_rays.reshape(*on_rays.shape[:3], -1)
 
-    def _up(self, source: Reals, end: Reals, irradiance: Float[Array, "w sun"]) -> Reals:
-        """Light that comes from below: the ground's, or what passed the lowest point."""
+    def _onto_moments(
+        self, functions: Float[Array, "z m ray l"], arriving: Float[Array, "z ray w p"]
+    ) -> Float[Array, "z m l w sun"]:
+        weighted = functions * (2 * np.pi * self.rays.weight)[:, None, :, None]
+        arriving = arriving.reshape(*arriving.shape[:3], functions.shape[1], -1)
+        return batched_product(jnp.swapaxes(weighted, -1, -2), jnp.moveaxis(arriving, 3, 1), 2)
+
+    def _from_ground(
+        self, end: tuple[Reals, ...], irradiance: Float[Array, "w sun"]
+    ) -> tuple[Reals, ...]:
+        """Light that begins to rise: the ground's, or what passed the lowest point."""
         grounded = self.rays.to_ground
-        start = end.at[:, :, :grounded].set(0.0)
+        first, *others = (power.at[:grounded].set(0.0) for power in end)
         if self.albedo is not None:
-            reflected = (self.albedo[:, None] * irradiance / np.pi)[:, None, :]
-            start = start.at[0, :, :grounded, 0].set(
-                jnp.broadcast_to(reflected, (source.shape[1], grounded, source.shape[-1]))
+            reflected = self.albedo[:, None] * irradiance / np.pi
+            first = first.at[:grounded, :, : reflected.shape[1]].set(
+                jnp.broadcast_to(reflected, (grounded, *reflected.shape))
             )
-        _, passed = self._sweep(self.downward, source, start, reverse=False)
-        return jnp.concatenate([start[None], passed])
+        return (first, *others)
 
     def _sweep(
-        self, each: Layers, source: Reals, start: Reals, reverse: bool
-    ) -> tuple[Reals, Reals]:
-        """Layer by layer."""
-        count = source.shape[0]
-        low = jnp.asarray(stencil_start(np.arange(count - 1), count), jnp.int32)
-        turn = jnp.where(self.rays.reached[:-1], self.rays.turn, 0.0)
+        self,
+        each: Layers,
+        source: Float[Array, "z ray w p"],
+        start: tuple[Reals, ...] | None,
+        reverse: bool,
+    ) -> tuple[Float[Array, "z ray w p"], tuple[Float[Array, "ray w p"], ...]]:
+        """Layer by layer: light everywhere, as seen with the local sun, and the last of it.
 
-        def through(light: Reals, layer: tuple[Reals, Reals, Reals, Index]) -> tuple[Reals, Reals]:
+        It is carried along by power of the angle turned since it was scattered: 0, 1 and 2.
+        """
+        powers = each.source.shape[1]
+        low = jnp.asarray(each.stencil_start, jnp.int32)
+        if start is None:
+            start = (jnp.zeros_like(source[0]),) * powers
+
+        def through(
+            light: tuple[Reals, ...], layer: tuple[Reals, Reals, Reals, Reals]
+        ) -> tuple[tuple[Reals, ...], tuple[Reals, ...]]:
             transmittance, weight, turn, first = layer
             stencil = jax.lax.dynamic_slice_in_dim(source, first, weight.shape[1])
-            turn = turn[None, :, None, None]
-            moved = (
-                light[0],
-                light[1] + turn * light[0],
-                light[2] + turn * (2 * light[1] + turn * light[0]),
-            )
-            new = jnp.stack(
-                [
-                    transmittance[..., None, None] * moved[k]
-                    + sum(
-                        weight[k, p][..., None, None] * stencil[p] for p in range(weight.shape[1])
-                    )
-                    for k in range(_POWERS)
-                ]
+            turn = turn[:, None, None]
+            moved = list(light)
+            if powers > 1:
+                moved[1] = light[1] + turn * light[0]
+                moved[2] = light[2] + turn * (2 * light[1] + turn * light[0])
+            new = tuple(
+                sum(
+                    (weight[k, p][..., None] * stencil[p] for p in range(weight.shape[1])),
+                    transmittance[..., None] * moved[k],
+                )
+                for k in range(powers)
             )
             return new, new
 
-        return jax.lax.scan(
-            through, start, (each.transmittance, each.source, turn, low), reverse=reverse
+        end, light = jax.lax.scan(
+            through, start, (each.transmittance, each.source, each.turn, low), reverse=reverse
         )
-
-    def _turned(self, light: Reals) -> Reals:
-        """[z, power, w, ray, m, sun] to [z, w, ray, m, sun], as seen with the local sun."""
-        if not self.curved:
-            return light[:, 0]
-        modes, suns = light.shape[-2:]
-        matrix = jnp.asarray(turning_matrix(modes, suns, self.local_suns), light.dtype)
-        turned = jnp.einsum("zkwrms,knums->zwrnu", light[:, 1:], matrix)
-        return light[:, 0] + turned
+        if self.turning is None:
+            return light[0], end
+        turned = [
+            power @ matrix
+            for power, matrix in zip(light[1:], self.turning, strict=True)
+        ]
+        return sum(turned, light[0]), end
 
 
 def transport(
@@ -157,25 +168,33 @@ def transport(
         local_suns: Range of local solar zenith angles [rad]. Static.
         whole: Whether forward peaks take part. Static.
     """
+    dtype = altitude.dtype
+    degrees, modes = nodes.higher_degrees, nodes.higher_modes
     rays = streams(paths, altitude, nodes.streams)
-    upward, downward, above = layers(medium, paths, rays, altitude)
+    upward, downward = layers(medium, paths, rays, altitude)
     density = jnp.stack([profile.density(altitude) for profile in medium.profiles])
     scattering = density[: len(medium.phases)]
     extinction = density.T @ medium.extinction
-    strength = jnp.einsum("cz,clw->zwl", scattering, medium.moments(nodes.higher_degrees, whole))
+    strength = jnp.einsum("cz,clw->zlw", scattering, medium.moments(degrees, whole))
     sine = safe_sqrt((1 - rays.cosine) * (1 + rays.cosine))
-    both = jnp.concatenate([rays.cosine, -rays.cosine], axis=1)
-    sines = jnp.concatenate([sine, sine], axis=1)
+    above, below = (
+        jnp.moveaxis(harmonics(cosine, sine, degrees, modes), -1, 1)
+        for cosine in (rays.cosine, -rays.cosine)
+    )
+    turning = None
+    if paths.curved:
+        matrix = turning_matrix(modes, nodes.sun, local_suns)
+        size = modes * nodes.sun
+        turning = jnp.asarray(np.swapaxes(matrix.reshape(2, size, size), 1, 2), dtype)
     return Transport(
         rays,
         upward,
         downward,
-        -jnp.expm1(-above),
-        safe_divide(strength, extinction[..., None]),
-        harmonics(both, sines, nodes.higher_degrees, nodes.higher_modes),
+        safe_divide(strength, extinction[:, None, :]),
+        above,
+        below,
         medium.ground_albedo,
-        local_suns,
-        isinstance(paths, SphericalPaths),
+        turning,
     )
 
 
@@ -219,8 +238,8 @@ def all_higher_orders(step: Transport, first: Light, steps: int) -> Light:
     share = _mixture([light.moments for light in orders])
     return Light(
         sum(
-            (share[k][None, :, None, None, :] * orders[k + 1].moments for k in range(1, steps)),
-            share[0][None, :, None, None, :] * orders[1].moments,
+            (share[k][None, None, None] * orders[k + 1].moments for k in range(1, steps)),
+            share[0][None, None, None] * orders[1].moments,
         ),
         sum(
             (share[k] * orders[k + 1].irradiance for k in range(1, steps)),
@@ -237,10 +256,10 @@ def _mixture(orders: list[Reals]) -> list[Float[Array, "w sun"]]:
     """
 
     def dot(a: Reals, b: Reals) -> Float[Array, "w sun"]:
-        return jnp.einsum("zwlms,zwlms->ws", a, b)
+        return (a * b).sum(axis=(0, 1, 2))
 
     def times(share: Reals, a: Reals) -> Reals:
-        return share[None, :, None, None, :] * a
+        return share[None, None, None] * a
 
     count = len(orders) - 1
     basis, triangle, sought = [], [[jnp.zeros(())] * count for _ in range(count)], []

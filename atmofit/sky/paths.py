@@ -2,6 +2,7 @@
 
 import abc
 import math
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -36,7 +37,13 @@ class Point(eqx.Module):
 
 
 class Paths(eqx.Module):
-    """Geometry of rays; cosines are those of the zenith angle at the ray's start."""
+    """Geometry of rays; cosines are those of the zenith angle at the ray's start.
+
+    Attributes:
+        curved: Whether zenith and local sun turn along a ray.
+    """
+
+    curved: ClassVar[bool] = False
 
     @abc.abstractmethod
     def local_suns(self, suns: SunRange) -> SunRange:
@@ -106,6 +113,7 @@ class SphericalPaths(Paths):
     """
 
     radius: float = eqx.field(static=True)
+    curved: ClassVar[bool] = True
 
     def local_suns(self, suns: SunRange) -> SunRange:
         """The observer's and the largest angle turned on the way to the highest altitudes [rad]."""

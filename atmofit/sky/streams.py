@@ -55,14 +55,22 @@ class Streams(eqx.Module):
 class Layers(eqx.Module):
     """What each layer does to the light of each ray, seen from its lower or its upper end.
 
+    For light that comes from above, the last layer is all that lies above the highest altitude;
+    for light that comes from below, the first one does nothing.
+
     Attributes:
-        transmittance: [layer, wavelength, ray].
+        transmittance: [layer, ray, wavelength].
         source: Weights of the source functions at the stencil's altitudes, times the angle
-            turned to the power 0, 1, 2, [layer, power, stencil, wavelength, ray].
+            turned to the power 0, 1, 2, or to 0 where none is, [layer, power, stencil, ray,
+            wavelength].
+        turn: Angle at the centre between the ends of a layer [rad], [layer, ray].
+        stencil_start: The lowest altitude of each layer's stencil. Static.
     """
 
-    transmittance: Float[Array, "layer w ray"]
-    source: Float[Array, "layer power stencil w ray"]
+    transmittance: Float[Array, "layer ray w"]
+    source: Float[Array, "layer power stencil ray w"]
+    turn: Float[Array, "layer ray"]
+    stencil_start: tuple[int, ...] = eqx.field(static=True)
 
 
 def streams(paths: Paths, altitude: Float[Array, " z"], polar: int) -> Streams:
@@ -77,7 +85,7 @@ def streams(paths: Paths, altitude: Float[Array, " z"], polar: int) -> Streams:
     u, w = (jnp.asarray(x, dtype) for x in gauss_nodes(polar))
     at_ground, weight = (u**2)[None, :], (2 * u * w)[None, :]
     z = altitude[:, None]
-    if not isinstance(paths, SphericalPaths):
+    if not paths.curved:
         cosine = jnp.broadcast_to(at_ground, (altitude.size, polar))
         return Streams(
             cosine,
@@ -128,8 +136,8 @@ def _limb_weights(cosine: Float[Array, "z ray"]) -> Float[Array, "z ray"]:
 
 def layers(
     medium: Medium, paths: Paths, rays: Streams, altitude: Float[Array, " z"]
-) -> tuple[Layers, Layers, Float[Array, "w ray"]]:
-    """What the layers do to light seen from below and from above, and the depth above them all.
+) -> tuple[Layers, Layers]:
+    """What the layers do to light seen from below, and seen from above.
 
     A source function is interpolated between altitudes and weighted with the transmittance to
     the layer's end exactly, however thick the layer, with the extinction taken as exponential
@@ -146,16 +154,34 @@ def layers(
     log_extinction = jnp.log(density @ medium.extinction + jnp.finfo(altitude.dtype).tiny)
     growth = jnp.clip(jnp.diff(log_extinction, axis=0), -_STEEPEST, _STEEPEST)
     growth = jnp.where(jnp.abs(growth) < _STRAIGHTEST, _STRAIGHTEST, growth)
-    depth = jnp.moveaxis(depth, -1, 1)
     place, near = _places(rays, paths, medium.scale)
-    below = _seen(rays, depth, growth, place, near, from_above=False)
-    above = _seen(rays, depth, growth, place, near, from_above=True)
-    return below, above, jnp.moveaxis(columns[-1] @ medium.extinction, -1, 0)
+    powers = 3 if paths.curved else 1
+    turn = jnp.where(rays.reached[:-1], rays.turn, 0.0)
+    start = _stencil_start(altitude.size).tolist()
+    below = _seen(rays, depth, growth, place, near, powers, from_above=False)
+    above = _seen(rays, depth, growth, place, near, powers, from_above=True)
+    # From beyond the highest altitude comes what its source function, the last of the stencil,
+    # sends through all that lies above.
+    beyond = jnp.zeros_like(below[:1]).at[0, 0, -1].set(-jnp.expm1(-columns[-1] @ medium.extinction))
+    through, still = jnp.exp(-depth), jnp.zeros_like(turn[:1])
+    upward = Layers(
+        jnp.concatenate([through, jnp.zeros_like(through[:1])]),
+        jnp.concatenate([below, beyond]),
+        jnp.concatenate([turn, still]),
+        (*start, start[-1]),
+    )
+    downward = Layers(
+        jnp.concatenate([jnp.ones_like(through[:1]), through]),
+        jnp.concatenate([jnp.zeros_like(above[:1]), above]),
+        jnp.concatenate([still, turn]),
+        (start[0], *start),
+    )
+    return upward, downward
 
 
-def stencil_start(layer: np.ndarray | int, altitudes: int) -> np.ndarray:
+def _stencil_start(altitudes: int) -> np.ndarray:
     """The lowest altitude of each layer's stencil."""
-    return np.clip(np.asarray(layer) - 1, 0, altitudes - _STENCIL)
+    return np.clip(np.arange(altitudes - 1) - 1, 0, altitudes - _STENCIL)
 
 
 def _places(
@@ -164,7 +190,7 @@ def _places(
     """Coordinate in which a source is smooth along a ray, and the distance on which it changes."""
     grounded = rays.cosine[0, : rays.to_ground]
     near = scale / grounded
-    if isinstance(paths, SphericalPaths):
+    if paths.curved:
         passing = rays.distance.shape[1] - rays.to_ground
         rise, start = scale * (2 * paths.radius + scale), paths.radius * grounded
         near = rise / (start + jnp.sqrt(start**2 + rise))
@@ -175,53 +201,52 @@ def _places(
 
 def _seen(
     rays: Streams,
-    depth: Float[Array, "layer w ray"],
+    depth: Float[Array, "layer ray w"],
     growth: Float[Array, "layer w"],
     place: Float[Array, "z ray"],
     near: Float[Array, " ray"],
+    powers: int,
     from_above: bool,
-) -> Layers:
-    """Layers seen from one end."""
+) -> Float[Array, "layer power stencil ray w"]:
+    """Weights of the sources in layers that are seen from one end."""
     dtype = depth.dtype
     y, weight = (jnp.asarray(x, dtype)[:, None, None, None] for x in gauss_nodes(_LAYER_NODES))
     opaque = -jnp.expm1(-depth)
     thick = jnp.maximum(depth, _THINNEST)
-    growth = (-growth if from_above else growth)[None, :, :, None]
+    growth = (-growth if from_above else growth)[None, :, None, :]
     depth_share = -jnp.log1p(y * jnp.expm1(-thick)[None]) / thick[None]
     share = jnp.log1p(jnp.minimum(depth_share, 1.0) * jnp.expm1(growth)) / growth
-    low, high = rays.distance[:-1, None], rays.distance[1:, None]
+    low, high = rays.distance[:-1, :, None], rays.distance[1:, :, None]
     begin, end = (high, low) if from_above else (low, high)
-    here = jnp.log1p((begin[None] + share * (end - begin)[None]) / near[None, None, None, :])
-    turned = share * rays.turn[None, :, None, :]
-    count = depth.shape[0] + 1
-    start = stencil_start(np.arange(count - 1), count)
-    index = start[:, None] + np.arange(_STENCIL)[None, :]
+    here = jnp.log1p((begin[None] + share * (end - begin)[None]) / near[None, None, :, None])
+    turned = share * rays.turn[None, :, :, None]
+    index = _stencil_start(depth.shape[0] + 1)[:, None] + np.arange(_STENCIL)[None, :]
     nodes = jnp.moveaxis(place[index], 1, 0)  # [stencil, layer, ray]
     usable = np.moveaxis(rays.reached[index], 1, 0)
     basis = _lagrange(here, nodes, usable)
     weight = (
-        weight * opaque[None] * jnp.where(rays.reached[:-1], 1.0, 0.0).astype(dtype)[None, :, None]
+        weight * opaque[None] * jnp.where(rays.reached[:-1], 1.0, 0.0).astype(dtype)[None, ..., None]
     )
-    powers = jnp.stack([weight, weight * turned, weight * turned**2])
-    return Layers(jnp.exp(-depth), jnp.einsum("kqlwr,pqlwr->lkpwr", powers, basis))
+    weights = jnp.stack([weight * turned**power for power in range(powers)])
+    return jnp.einsum("kqlrw,pqlrw->lkprw", weights, basis)
 
 
 def _lagrange(
-    x: Float[Array, "node layer w ray"],
+    x: Float[Array, "node layer ray w"],
     nodes: Float[Array, "stencil layer ray"],
     usable: np.ndarray,
-) -> Float[Array, "stencil node layer w ray"]:
+) -> Float[Array, "stencil node layer ray w"]:
     """Lagrange polynomials through the usable ones of the nodes."""
     basis = []
     for p in range(_STENCIL):
         value = jnp.broadcast_to(
-            jnp.where(usable[p], 1.0, 0.0).astype(x.dtype)[None, :, None], x.shape
+            jnp.where(usable[p], 1.0, 0.0).astype(x.dtype)[None, ..., None], x.shape
         )
         for r in range(_STENCIL):
             if r != p:
                 both = usable[p] & usable[r]
-                apart = jnp.where(both, nodes[p] - nodes[r], 1.0)[None, :, None]
-                factor = (x - nodes[r][None, :, None]) / apart
-                value = value * jnp.where(both[None, :, None], factor, 1.0)
+                apart = jnp.where(both, nodes[p] - nodes[r], 1.0)[None, ..., None]
+                factor = (x - nodes[r][None, ..., None]) / apart
+                value = value * jnp.where(both[None, ..., None], factor, 1.0)
         basis.append(value)
     return jnp.stack(basis)
