@@ -1,5 +1,7 @@
 """Along a line of sight: how much light of each order arrives at the observer."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -169,7 +171,7 @@ def single_scattering(
     def scattered(phases: tuple[Reals, ...], light: Reals) -> Float[Array, "ring azimuth w"]:
         light = jnp.moveaxis(light.reshape(*light.shape[:2], *distinct.shape), 1, -1)
         parts = [phase * part for phase, part in zip(phases, light, strict=True)]
-        return sum(parts[1:], parts[0])
+        return functools.reduce(jnp.add, parts)
 
     if medium.peaks is None:
         return (scattered(exact, path_integrals(medium, columns, weight)[0]),)
@@ -209,9 +211,7 @@ def sources_per_mode(
         ]
         each = jnp.transpose(jnp.concatenate(parts, axis=2), (3, 0, 1, 2))
         each = basis[None, ..., None] * each[..., None, :]
-        sent = batched_product(
-            each.reshape(each.shape[0], z.size, -1), block.sources, 1
-        )
+        sent = batched_product(each.reshape(each.shape[0], z.size, -1), block.sources, 1)
         return sent.reshape(*each.shape[:3], *sent.shape[2:]) * dimming[None, ..., None]
 
     return tuple(of_block(block) for block in moments.blocks)
@@ -242,7 +242,7 @@ def diffuse_radiance(
     altitude = points.altitude[:, None]
     of_sun = of_sun * twilight(paths, altitude, jnp.clip(angle, *moments.local_suns))[..., None]
     of_mode = jnp.moveaxis(chebyshev_basis(safe_divide(along, sine), moments.modes), -1, 2)
-    total = jnp.zeros((), of_sun.dtype)
+    total = jnp.zeros_like(of_sun[..., 0, :1])
     for block, part in zip(moments.blocks, sources, strict=True):
         of_block = of_mode[:, :, block.first : block.first + part.shape[0]]
         weight = of_block[..., None] * of_sun[:, :, None]

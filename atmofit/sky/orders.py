@@ -12,9 +12,9 @@ from atmofit.numerics import batched_product, harmonics, safe_divide, safe_sqrt
 from atmofit.optics.medium import Medium
 from atmofit.sky.ladder import Nodes
 from atmofit.sky.paths import Paths
-from atmofit.sky.streams import Layers, Streams, layers, streams
+from atmofit.sky.streams import Streams, carried, layers, streams
 from atmofit.sky.sun_angles import SunRange
-from atmofit.sky.turning import turning_matrix
+from atmofit.sky.turning import turning_matrices
 from atmofit.typing import Reals
 
 _PARALLEL = 10.0  # squares this many roundings of the whole count as nothing
@@ -36,118 +36,92 @@ class Light(NamedTuple):
 class Transport(eqx.Module):
     """Takes one order of light to the next; depends on the medium, not on the light.
 
+    A ray has two sides: looking up along it, light comes from above, looking down, from below.
+    The places on it are all altitudes on the one side, then all on the other. Even azimuth modes
+    are kept apart from odd ones, and share an axis with the suns.
+
     Attributes:
         rays: Shared by all altitudes.
-        upward: Layers of the light that comes from above, seen from below.
-        downward: Layers of the light that comes from below, seen from above.
+        onto: Spherical harmonics of the rays' directions on both sides,
+            [altitude, mode, side * ray, degree].
+        carried: What arrives at each place of the source function at every place, and of light
+            from the ground, times the angle turned on the way to the power 0, 1 and 2, or 0 where
+            none is, [ray, wavelength, place, place + ground].
         strength: Scattering over extinction times Legendre moments,
             [altitude, degree, wavelength].
-        above: Spherical harmonics of the rays' directions, seen upward,
-            [altitude, mode, ray, degree].
-        below: Likewise, seen downward.
         albedo: Of the ground, [wavelength], or None.
-        turning: From the light weighted with the angle turned to the power 1 and 2, [mode * sun],
-            to what it adds, [power, mode * sun, mode * sun]; None where the local sun does not
-            turn along a ray.
+        turning: By how much the light weighted with the angle turned, and with its square, changes
+            as seen with the local sun: to modes of the other and of the same parity,
+            [parity of the result][mode * sun, mode * sun]; empty where nothing turns.
     """
 
     rays: Streams
-    upward: Layers
-    downward: Layers
+    onto: Float[Array, "z m sideray l"]
+    carried: tuple[Float[Array, "ray w i j"], ...]
     strength: Float[Array, "z l w"]
-    above: Float[Array, "z m ray l"]
-    below: Float[Array, "z m ray l"]
     albedo: Float[Array, " w"] | None
-    turning: Float[Array, "2 p p"] | None
+    turning: tuple[tuple[Reals, Reals], ...]
 
     def __call__(self, light: Light) -> Light:
         """The next order."""
         source = light.moments * self.strength[:, None, :, :, None]
-        down, at_ground = self._sweep(
-            self.upward, self._onto_rays(self.above, source), None, reverse=True
-        )
-        start = self._from_ground(at_ground, light.irradiance)
-        up, _ = self._sweep(
-            self.downward, self._onto_rays(self.below, source), start, reverse=False
-        )
-        moments = self._onto_moments(self.above, down) + self._onto_moments(self.below, up)
+        parities = (0, 1)
+        on_rays = [self._onto_rays(source[:, p::2], self.onto[:, p::2]) for p in parities]
+        if self.albedo is None:
+            carried = [power[..., :-1] for power in self.carried]
+        else:
+            carried = self.carried
+            reflected = self.albedo[:, None] * light.irradiance / np.pi
+            on_rays = [_with_ground(each, reflected, p) for p, each in enumerate(on_rays)]
+        arriving = [batched_product(carried[0], each, 2) for each in on_rays]
+        if self.turning:
+            once, twice = (
+                [batched_product(power, each, 2) for each in on_rays] for power in carried[1:]
+            )
+            arriving = [
+                arriving[p] + once[1 - p] @ self.turning[p][0] + twice[p] @ self.turning[p][1]
+                for p in parities
+            ]
+        # Summed before it is reordered: reordering reads far apart.
+        arriving = jax.lax.optimization_barrier(arriving)
+        parts = [self._onto_moments(each, self.onto[:, p::2]) for p, each in enumerate(arriving)]
+        order = np.argsort(np.concatenate([np.arange(source.shape[1])[p::2] for p in parities]))
         weight = (2 * np.pi * self.rays.weight * self.rays.cosine)[0]
-        suns = light.irradiance.shape[-1]
-        return Light(moments, jnp.tensordot(weight, down[0, :, :, :suns], 1))
+        down = arriving[0][:, :, 0, : light.irradiance.shape[-1]]
+        return Light(jnp.concatenate(parts, axis=1)[:, order], jnp.tensordot(weight, down, 1))
 
-    @staticmethod
     def _onto_rays(
-        functions: Float[Array, "z m ray l"], source: Float[Array, "z m l w sun"]
-    ) -> Float[Array, "z ray w p"]:
-        """Light in the directions of all rays; modes and suns share an axis."""
-        on_rays = jnp.moveaxis(batched_product(functions, source, 2), 1, 3)
-        return on_rays.reshape(*on_rays.shape[:3], -1)
+        self, source: Float[Array, "z m l w sun"], onto: Float[Array, "z m sideray l"]
+    ) -> Float[Array, "ray w place p"]:
+        """The source function at all places of all rays."""
+        z, modes, both, _ = onto.shape
+        each = batched_product(onto, source, 2).reshape(z, modes, 2, both // 2, *source.shape[3:])
+        each = jnp.transpose(each, (3, 4, 2, 0, 1, 5))
+        return each.reshape(*each.shape[:2], 2 * z, -1)
 
     def _onto_moments(
-        self, functions: Float[Array, "z m ray l"], arriving: Float[Array, "z ray w p"]
+        self, arriving: Float[Array, "ray w place p"], onto: Float[Array, "z m sideray l"]
     ) -> Float[Array, "z m l w sun"]:
-        weighted = functions * (2 * np.pi * self.rays.weight)[:, None, :, None]
-        arriving = arriving.reshape(*arriving.shape[:3], functions.shape[1], -1)
-        return batched_product(jnp.swapaxes(weighted, -1, -2), jnp.moveaxis(arriving, 3, 1), 2)
+        """Moments of the light at all places of all rays."""
+        z, modes, _, _ = onto.shape
+        each = arriving.reshape(*arriving.shape[:2], 2, z, modes, -1)
+        each = jnp.transpose(each, (3, 4, 2, 0, 1, 5))
+        each = each.reshape(z, modes, -1, *each.shape[4:])
+        weight = jnp.concatenate([self.rays.weight, self.rays.weight], axis=1)
+        weighted = onto * (2 * np.pi * weight)[:, None, :, None]
+        return batched_product(jnp.swapaxes(weighted, -1, -2), each, 2)
 
-    def _from_ground(
-        self, end: tuple[Reals, ...], irradiance: Float[Array, "w sun"]
-    ) -> tuple[Reals, ...]:
-        """Light that begins to rise: the ground's, or what passed the lowest point."""
-        grounded = self.rays.to_ground
-        first, *others = (power.at[:grounded].set(0.0) for power in end)
-        if self.albedo is not None:
-            reflected = self.albedo[:, None] * irradiance / np.pi
-            first = first.at[:grounded, :, : reflected.shape[1]].set(
-                jnp.broadcast_to(reflected, (grounded, *reflected.shape))
-            )
-        return (first, *others)
 
-    def _sweep(
-        self,
-        each: Layers,
-        source: Float[Array, "z ray w p"],
-        start: tuple[Reals, ...] | None,
-        reverse: bool,
-    ) -> tuple[Float[Array, "z ray w p"], tuple[Float[Array, "ray w p"], ...]]:
-        """Layer by layer: light everywhere, as seen with the local sun, and the last of it.
-
-        It is carried along by power of the angle turned since it was scattered: 0, 1 and 2.
-        """
-        powers = each.source.shape[1]
-        low = jnp.asarray(each.stencil_start, jnp.int32)
-        if start is None:
-            start = (jnp.zeros_like(source[0]),) * powers
-
-        def through(
-            light: tuple[Reals, ...], layer: tuple[Reals, Reals, Reals, Reals]
-        ) -> tuple[tuple[Reals, ...], tuple[Reals, ...]]:
-            transmittance, weight, turn, first = layer
-            stencil = jax.lax.dynamic_slice_in_dim(source, first, weight.shape[1])
-            turn = turn[:, None, None]
-            moved = list(light)
-            if powers > 1:
-                moved[1] = light[1] + turn * light[0]
-                moved[2] = light[2] + turn * (2 * light[1] + turn * light[0])
-            new = tuple(
-                sum(
-                    (weight[k, p][..., None] * stencil[p] for p in range(weight.shape[1])),
-                    transmittance[..., None] * moved[k],
-                )
-                for k in range(powers)
-            )
-            return new, new
-
-        end, light = jax.lax.scan(
-            through, start, (each.transmittance, each.source, each.turn, low), reverse=reverse
-        )
-        if self.turning is None:
-            return light[0], end
-        turned = [
-            power @ matrix
-            for power, matrix in zip(light[1:], self.turning, strict=True)
-        ]
-        return sum(turned, light[0]), end
+def _with_ground(
+    on_rays: Float[Array, "ray w place p"], reflected: Float[Array, "w sun"], parity: int
+) -> Float[Array, "ray w more p"]:
+    """Append light from the ground, which has no azimuth, after all places."""
+    rays, wavelengths, _, size = on_rays.shape
+    ground = jnp.zeros((wavelengths, size), on_rays.dtype)
+    if parity == 0:
+        ground = ground.at[:, : reflected.shape[1]].set(reflected)
+    ground = jnp.broadcast_to(ground[None, :, None], (rays, wavelengths, 1, size))
+    return jnp.concatenate([on_rays, ground], axis=2)
 
 
 def transport(
@@ -171,28 +145,22 @@ def transport(
     dtype = altitude.dtype
     degrees, modes = nodes.higher_degrees, nodes.higher_modes
     rays = streams(paths, altitude, nodes.streams)
-    upward, downward = layers(medium, paths, rays, altitude)
     density = jnp.stack([profile.density(altitude) for profile in medium.profiles])
     scattering = density[: len(medium.phases)]
     extinction = density.T @ medium.extinction
     strength = jnp.einsum("cz,clw->zlw", scattering, medium.moments(degrees, whole))
     sine = safe_sqrt((1 - rays.cosine) * (1 + rays.cosine))
-    above, below = (
-        jnp.moveaxis(harmonics(cosine, sine, degrees, modes), -1, 1)
-        for cosine in (rays.cosine, -rays.cosine)
-    )
-    turning = None
+    both = jnp.concatenate([rays.cosine, -rays.cosine], axis=1)
+    functions = harmonics(both, jnp.concatenate([sine, sine], axis=1), degrees, modes)
+    turning: tuple[tuple[Reals, Reals], ...] = ()
     if paths.curved:
-        matrix = turning_matrix(modes, nodes.sun, local_suns)
-        size = modes * nodes.sun
-        turning = jnp.asarray(np.swapaxes(matrix.reshape(2, size, size), 1, 2), dtype)
+        matrices = turning_matrices(modes, nodes.sun, local_suns)
+        turning = tuple((jnp.asarray(a, dtype), jnp.asarray(b, dtype)) for a, b in matrices)
     return Transport(
         rays,
-        upward,
-        downward,
+        jnp.moveaxis(functions, -1, 1),
+        carried(rays, *layers(medium, paths, rays, altitude)),
         safe_divide(strength, extinction[:, None, :]),
-        above,
-        below,
         medium.ground_albedo,
         turning,
     )

@@ -305,7 +305,8 @@ def _along_rays(
     floor = paths.advance(start, cosine, safe_sqrt(1 - cosine**2), length)
     at_floor = _sunlight(medium, paths, start, cosine, floor, sun, bend, plan, None)
     return [
-        (each, lit[0] * (albedo / math.pi)[:, None]) for each, lit in zip(gathered, at_floor, strict=True)
+        (each, lit[0] * (albedo / math.pi)[:, None])
+        for each, lit in zip(gathered, at_floor, strict=True)
     ]
 
 

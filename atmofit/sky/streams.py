@@ -6,6 +6,7 @@ same few of them. They are cut at the altitudes where the light is known.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -85,7 +86,7 @@ def streams(paths: Paths, altitude: Float[Array, " z"], polar: int) -> Streams:
     u, w = (jnp.asarray(x, dtype) for x in gauss_nodes(polar))
     at_ground, weight = (u**2)[None, :], (2 * u * w)[None, :]
     z = altitude[:, None]
-    if not paths.curved:
+    if not isinstance(paths, SphericalPaths):
         cosine = jnp.broadcast_to(at_ground, (altitude.size, polar))
         return Streams(
             cosine,
@@ -162,7 +163,9 @@ def layers(
     above = _seen(rays, depth, growth, place, near, powers, from_above=True)
     # From beyond the highest altitude comes what its source function, the last of the stencil,
     # sends through all that lies above.
-    beyond = jnp.zeros_like(below[:1]).at[0, 0, -1].set(-jnp.expm1(-columns[-1] @ medium.extinction))
+    beyond = (
+        jnp.zeros_like(below[:1]).at[0, 0, -1].set(-jnp.expm1(-columns[-1] @ medium.extinction))
+    )
     through, still = jnp.exp(-depth), jnp.zeros_like(turn[:1])
     upward = Layers(
         jnp.concatenate([through, jnp.zeros_like(through[:1])]),
@@ -179,6 +182,59 @@ def layers(
     return upward, downward
 
 
+def carried(
+    rays: Streams, upward: Layers, downward: Layers
+) -> tuple[Float[Array, "ray w i j"], ...]:
+    """What arrives at every place of a ray from every place, by power of the angle turned.
+
+    The places are all altitudes, for light that comes from above, then all again for light that
+    comes from below; the last source is light of 1 from the ground.
+    """
+    altitudes, (count, wavelengths) = rays.cosine.shape[0], upward.transmittance.shape[1:]
+    places = np.eye(2 * altitudes + 1)
+    above, below = (
+        jnp.asarray(places[k * altitudes :][:altitudes], rays.turn.dtype) for k in (0, 1)
+    )
+    dark = jnp.zeros((count, wavelengths, 2 * altitudes + 1), rays.turn.dtype)
+    powers = upward.source.shape[1]
+    end, down = _through(upward, above, (dark,) * powers, reverse=True)
+    # What passes the lowest point goes on; from the ground comes nothing but its own light.
+    grounded = (np.arange(count) < rays.to_ground)[:, None, None]
+    lit = dark.at[..., -1].set(1.0)
+    start = tuple(
+        jnp.where(grounded, dark if power else lit, each) for power, each in enumerate(end)
+    )
+    _, up = _through(downward, below, start, reverse=False)
+    both = (jnp.concatenate(each) for each in zip(down, up, strict=True))
+    return tuple(jnp.moveaxis(each, 0, 2) for each in both)
+
+
+def _through(
+    each: Layers, source: Float[Array, "z j"], start: tuple[Reals, ...], reverse: bool
+) -> tuple[tuple[Reals, ...], tuple[Float[Array, "z ray w j"], ...]]:
+    """Layer by layer: the last light and all of it, by power of the angle turned so far."""
+
+    def one(
+        light: tuple[Reals, ...], layer: tuple[Reals, Reals, Reals, Reals]
+    ) -> tuple[tuple[Reals, ...], tuple[Reals, ...]]:
+        transmittance, weight, turn, first = layer
+        stencil = jax.lax.dynamic_slice_in_dim(source, first, weight.shape[1])
+        turn = turn[:, None, None]
+        moved = list(light)
+        if len(light) > 1:
+            moved[1] = light[1] + turn * light[0]
+            moved[2] = light[2] + turn * (2 * light[1] + turn * light[0])
+        new = tuple(
+            transmittance[..., None] * before + jnp.einsum("prw,pj->rwj", weight[k], stencil)
+            for k, before in enumerate(moved)
+        )
+        return new, new
+
+    low = jnp.asarray(each.stencil_start, jnp.int32)
+    layer = (each.transmittance, each.source, each.turn, low)
+    return jax.lax.scan(one, start, layer, reverse=reverse)
+
+
 def _stencil_start(altitudes: int) -> np.ndarray:
     """The lowest altitude of each layer's stencil."""
     return np.clip(np.arange(altitudes - 1) - 1, 0, altitudes - _STENCIL)
@@ -190,7 +246,7 @@ def _places(
     """Coordinate in which a source is smooth along a ray, and the distance on which it changes."""
     grounded = rays.cosine[0, : rays.to_ground]
     near = scale / grounded
-    if paths.curved:
+    if isinstance(paths, SphericalPaths):
         passing = rays.distance.shape[1] - rays.to_ground
         rise, start = scale * (2 * paths.radius + scale), paths.radius * grounded
         near = rise / (start + jnp.sqrt(start**2 + rise))
@@ -225,7 +281,9 @@ def _seen(
     usable = np.moveaxis(rays.reached[index], 1, 0)
     basis = _lagrange(here, nodes, usable)
     weight = (
-        weight * opaque[None] * jnp.where(rays.reached[:-1], 1.0, 0.0).astype(dtype)[None, ..., None]
+        weight
+        * opaque[None]
+        * jnp.where(rays.reached[:-1], 1.0, 0.0).astype(dtype)[None, ..., None]
     )
     weights = jnp.stack([weight * turned**power for power in range(powers)])
     return jnp.einsum("kqlrw,pqlrw->lkprw", weights, basis)

@@ -1,5 +1,6 @@
 """Sunlight on the way to a point and on to where it is seen, summed along rays."""
 
+import functools
 from typing import Any
 
 import jax
@@ -14,9 +15,11 @@ _AT_ONCE = 48  # steps of a ray that are summed in one loop of the compiled prog
 
 
 def sun_columns(
-    medium: Medium, paths: Paths, altitude: Reals, sun_cosine: Float[Array, "step *n"]
-) -> tuple[Float[Array, "step constituent *n"], Reals]:
+    medium: Medium, paths: Paths, altitude: Reals, sun_cosine: Reals
+) -> tuple[Reals, Reals]:
     """Columns toward the sun over vertical columns [-], and whether the sun is up (1 or 0).
+
+    The constituents of the columns are their second axis.
 
     Args:
         medium: Optical properties.
@@ -96,7 +99,7 @@ def _summed(
             for each, light in zip(terms, lights, strict=True):
                 each.append(weight[step, c][..., None, :] * light)
         for each, parts in zip(sums, terms, strict=True):
-            each.append(sum(parts[1:], parts[0]))
+            each.append(functools.reduce(jnp.add, parts))
     # Kept apart from what is made of them, lest they be summed again there for each azimuth.
     return jax.lax.optimization_barrier(tuple(jnp.stack(each) for each in sums))
 
@@ -119,7 +122,7 @@ def _depth(
 ) -> Float[Array, "*n w s"]:
     """Optical depth, term by term, so that it and its exponential become one loop."""
     terms = [column[c][..., None, :] * each[:, None] for c, each in enumerate(extinction)]
-    return sum(terms[1:], terms[0])
+    return functools.reduce(jnp.add, terms)
 
 
 def forward_factors(deflected: Reals, orders: int) -> tuple[Reals, ...]:

@@ -11,31 +11,40 @@ import numpy as np
 
 from atmofit.sky.sun_angles import SunRange, sun_basis, sun_nodes
 
-# Angles at the centre at which the map is exact; between them it is a parabola.
-_ANGLES = (0.0, np.radians(1.5), np.radians(4.5))
+# The angle at the centre at which the map is exact: a level ray turns so far in 330 km.
+_ANGLE = np.radians(3.0)
 _AZIMUTHS = 48
 
 
 @functools.cache
-def turning_matrix(modes: int, suns: int, local_suns: SunRange) -> np.ndarray:
-    """The map's first and second coefficient in powers of the angle.
+def turning_matrices(
+    modes: int, suns: int, local_suns: SunRange
+) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """The map's coefficients of the angle and of its square.
+
+    To turn by less than nothing is to turn along the opposite azimuth, which changes the sign of
+    odd modes: so the angle couples modes of different parity, and its square those of the same.
 
     Args:
-        modes: Azimuth modes.
+        modes: Azimuth modes, two at least.
         suns: Solar zenith angles, at the nodes of `sun_nodes`.
         local_suns: Their range [rad]; light beyond it is taken as at its ends.
 
     Returns:
-        [2, mode, sun, mode, sun]: from the angle-weighted light (the last two axes) to what it
-        adds to the light that arrives.
+        For even and for odd modes of the result: from the light of the other parity weighted with
+        the angle, and from that of the same weighted with its square, to what they add,
+        [mode * sun, mode * sun].
     """
-    maps = np.stack([_at(angle, modes, suns, local_suns) for angle in _ANGLES[1:]])
-    change = maps - np.eye(modes * suns)[None]
-    a, b = _ANGLES[1:]
-    # change(psi) = first psi + second psi^2 through both angles.
-    second = (change[1] / b - change[0] / a) / (b - a)
-    first = change[0] / a - second * a
-    return np.stack([first, second]).reshape(2, modes, suns, modes, suns)
+    size = modes * suns
+    change = _at(_ANGLE, modes, suns, local_suns) - np.eye(size)
+    change = change.reshape(modes, suns, modes, suns)
+
+    def coupled(to: int, of: int, power: int) -> np.ndarray:
+        part = change[to::2, :, of::2]
+        rows, columns = part.shape[0] * suns, part.shape[2] * suns
+        return np.ascontiguousarray(part.reshape(rows, columns).T) / _ANGLE**power
+
+    return tuple((coupled(p, 1 - p, 1), coupled(p, p, 2)) for p in (0, 1))
 
 
 def _at(angle: float, modes: int, suns: int, local_suns: SunRange) -> np.ndarray:
