@@ -84,7 +84,8 @@ def _program(
             field = af.solve_sky(air(load), wavelength, plan=plan)
             return over(lambda sun: field.radiance(sun, grid, 1.0), suns)
 
-        return over(of_load, loads)
+        # One load after the other: what belongs to one stays in the processor's cache.
+        return jax.lax.map(of_load, loads)
 
     return skies
 

@@ -173,6 +173,7 @@ class Skies:
         nodes = luminance_nodes(count, "preetham1999")
         assert nodes.interpolation is not None
         radiance = self._radiance(scene, plan, nodes.wavelength_nm, geometry, without)
+        radiance = np.maximum(radiance, np.finfo(float).tiny)  # single scattering may be dark
         return np.exp(np.log(radiance) @ nodes.interpolation.T) @ nodes.weight
 
     def whole_luminance(self, scene: Scene, plan: af.Plan, without: str = "") -> np.ndarray:

@@ -110,8 +110,8 @@ class Medium(eqx.Module):
         return columns[..., : len(self.phases)] @ (self.peaks * self.scattering)
 
     def smooth_phase_functions(
-        self, cosine: Float[Array, "*n s"], degrees: int
-    ) -> tuple[Float[Array, "*n w s"], ...]:
+        self, cosine: Float[Array, "azimuth p"], degrees: int
+    ) -> tuple[Float[Array, "azimuth w p"], ...]:
         """As `phase_functions`, from so many moments, without the forward peaks.
 
         Args:
@@ -119,7 +119,7 @@ class Medium(eqx.Module):
             degrees: Legendre moments. Static.
 
         Returns:
-            With the wavelength before the last axis of the cosine.
+            For each scatterer.
         """
         basis = _legendre_series(cosine, degrees)
         functions = []
@@ -128,9 +128,9 @@ class Medium(eqx.Module):
             moments = phase.moments(degrees, self.wavelength_nm)
             value = jnp.moveaxis(jnp.tensordot(moments.T, basis, (1, -1)), 0, -2)
             if self.peaks is not None:
-                even = basis.sum(axis=-1)[..., None, :]
-                value = value - self.peaks[c][:, None] * even
-            functions.append(value * self.scattering[c][:, None])
+                even = basis.sum(axis=-1)[:, None, :]
+                value = value - self.peaks[c][None, :, None] * even
+            functions.append(value * self.scattering[c][None, :, None])
         return tuple(functions)
 
     def deflected_phase_functions(self, angle: Reals, degrees: int) -> tuple[Reals, ...]:

@@ -200,7 +200,7 @@ def sources_per_mode(
     density = [profile.density(z) for profile in medium.scattering_profiles]
     y = harmonics(sight.points.cosine, sight.points.sine, moments.degrees, moments.modes)
     twice = jnp.where(jnp.arange(moments.modes) > 0, 2.0, 1.0).astype(y.dtype)
-    y = y * twice
+    y = y * twice[None, None, None, :]
 
     def of_block(block: ModeBlock) -> Float[Array, "m ring step w sun"]:
         modes = slice(block.first, block.first + block.sources.shape[0])

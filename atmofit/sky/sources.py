@@ -190,7 +190,7 @@ def _blocks(
         part = coefficients[:, first : first + _MODES_AT_ONCE]
         sources = jnp.concatenate(
             [
-                part[:, :, first:end] * strength[c, first:end][..., None]
+                part[:, :, first:end] * strength[c, first:end][None, None, ..., None]
                 for c, end in enumerate(degrees)
                 if end > first
             ],
@@ -272,7 +272,7 @@ def _at_azimuths(
     to_azimuth: Float[Array, "azimuth b"], part: Float[Array, "b w p"]
 ) -> Float[Array, "azimuth w p"]:
     """From the bends to all azimuths, term by term: the sum becomes part of a larger loop."""
-    terms = [to_azimuth[:, b, None, None] * part[b] for b in range(part.shape[0])]
+    terms = [to_azimuth[:, b, None, None] * part[b][None] for b in range(part.shape[0])]
     return sum(terms[1:], terms[0])
 
 
@@ -305,7 +305,7 @@ def _along_rays(
     floor = paths.advance(start, cosine, safe_sqrt(1 - cosine**2), length)
     at_floor = _sunlight(medium, paths, start, cosine, floor, sun, bend, plan, None)
     return [
-        (each, lit[0] * (albedo / math.pi)[:, None])
+        (each, lit[0] * (albedo / math.pi)[None, :, None])
         for each, lit in zip(gathered, at_floor, strict=True)
     ]
 

@@ -9,13 +9,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from atmofit.numerics import gauss_nodes, safe_sqrt
 from atmofit.optics.medium import Medium
 from atmofit.sky.paths import Paths, SphericalPaths
 from atmofit.typing import Reals
 
+Index = Int[Array, ""]
 _LIMB_SPACING = 2
 _STENCIL = 4  # altitudes between which a source is interpolated
 _LAYER_NODES = 3  # of the quadrature inside a layer
@@ -215,7 +216,7 @@ def _through(
     """Layer by layer: the last light and all of it, by power of the angle turned so far."""
 
     def one(
-        light: tuple[Reals, ...], layer: tuple[Reals, Reals, Reals, Reals]
+        light: tuple[Reals, ...], layer: tuple[Reals, Reals, Reals, Index]
     ) -> tuple[tuple[Reals, ...], tuple[Reals, ...]]:
         transmittance, weight, turn, first = layer
         stencil = jax.lax.dynamic_slice_in_dim(source, first, weight.shape[1])

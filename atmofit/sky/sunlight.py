@@ -121,7 +121,8 @@ def _depth(
     column: Float[Array, "constituent *n s"], extinction: Float[Array, "some w"]
 ) -> Float[Array, "*n w s"]:
     """Optical depth, term by term, so that it and its exponential become one loop."""
-    terms = [column[c][..., None, :] * each[:, None] for c, each in enumerate(extinction)]
+    each = extinction.reshape(-1, *(1,) * (column.ndim - 2), extinction.shape[1], 1)
+    terms = [column[c][..., None, :] * each[c] for c in range(extinction.shape[0])]
     return functools.reduce(jnp.add, terms)
 
 

@@ -65,8 +65,10 @@ def ours(optical_depth, view, sun, sunlit, geometry, count):
         cloud = Haze(optical_depth, 0.0, profile=profile, phase=HenyeyGreenstein(0.0))
         medium = optical_properties(Atmosphere(haze=cloud), jnp.array([550.0]))
         sight = line_of_sight(medium, paths, jnp.zeros(()), view, count, free_path=True)
-        azimuth = jnp.asarray(AZIMUTH)
-        once = single_scattering(medium, paths, sight, view, azimuth, sun, PLAN)[0][0]
+        one_ring = jax.tree.map(lambda values: values[None], sight)
+        azimuth = jnp.full((1, 1), AZIMUTH)
+        once = single_scattering(medium, paths, one_ring, view[None], azimuth, sun, PLAN)
+        once = once[0][0, 0, 0]
         z = sight.points.altitude
         reaching = jnp.exp(-(sight.columns @ medium.extinction)[:, 0])
         source = optical_depth * medium.profiles[0].density(z) * jnp.exp(-z / 1e3)
