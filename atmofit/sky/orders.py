@@ -14,7 +14,7 @@ from atmofit.sky.ladder import Nodes
 from atmofit.sky.paths import Paths
 from atmofit.sky.streams import Streams, carried, layers, streams
 from atmofit.sky.sun_angles import SunRange
-from atmofit.sky.turning import turning_matrices
+from atmofit.sky.turning import turns
 from atmofit.typing import Reals
 
 _PARALLEL = 10.0  # squares this many roundings of the whole count as nothing
@@ -50,9 +50,9 @@ class Transport(eqx.Module):
         strength: Scattering over extinction times Legendre moments,
             [altitude, degree, wavelength].
         albedo: Of the ground, [wavelength], or None.
-        turning: By how much the light weighted with the angle turned, and with its square, changes
-            as seen with the local sun: to modes of the other and of the same parity,
-            [parity of the result][mode * sun, mode * sun]; empty where nothing turns.
+        turning: What light weighted with the angle turned, or with its square, adds as seen with
+            the local sun, see `turns`; for even and for odd modes, [mode * sun, mode * sun].
+        turned: Parity and power of what each of these turns; empty where nothing turns. Static.
     """
 
     rays: Streams
@@ -60,7 +60,8 @@ class Transport(eqx.Module):
     carried: tuple[Float[Array, "ray w i j"], ...]
     strength: Float[Array, "z l w"]
     albedo: Float[Array, " w"] | None
-    turning: tuple[tuple[Reals, Reals], ...]
+    turning: tuple[tuple[Reals, ...], ...]
+    turned: tuple[tuple[tuple[int, int], ...], ...] = eqx.field(static=True)
 
     def __call__(self, light: Light) -> Light:
         """The next order."""
@@ -74,14 +75,13 @@ class Transport(eqx.Module):
             reflected = self.albedo[:, None] * light.irradiance / np.pi
             on_rays = [_with_ground(each, reflected, p) for p, each in enumerate(on_rays)]
         arriving = [batched_product(carried[0], each, 2) for each in on_rays]
-        if self.turning:
-            once, twice = (
-                [batched_product(power, each, 2) for each in on_rays] for power in carried[1:]
-            )
-            arriving = [
-                arriving[p] + once[1 - p] @ self.turning[p][0] + twice[p] @ self.turning[p][1]
-                for p in parities
-            ]
+        weighted = {
+            (of, power): batched_product(carried[power], on_rays[of], 2)
+            for of, power in sorted({each for some in self.turned for each in some})
+        }
+        for p, (matrices, kinds) in enumerate(zip(self.turning, self.turned, strict=True)):
+            for matrix, kind in zip(matrices, kinds, strict=True):
+                arriving[p] = arriving[p] + weighted[kind] @ matrix
         # Summed before it is reordered: reordering reads far apart.
         arriving = jax.lax.optimization_barrier(arriving)
         parts = [self._onto_moments(each, self.onto[:, p::2]) for p, each in enumerate(arriving)]
@@ -152,17 +152,15 @@ def transport(
     sine = safe_sqrt((1 - rays.cosine) * (1 + rays.cosine))
     both = jnp.concatenate([rays.cosine, -rays.cosine], axis=1)
     functions = harmonics(both, jnp.concatenate([sine, sine], axis=1), degrees, modes)
-    turning: tuple[tuple[Reals, Reals], ...] = ()
-    if paths.curved:
-        matrices = turning_matrices(modes, nodes.sun, local_suns)
-        turning = tuple((jnp.asarray(a, dtype), jnp.asarray(b, dtype)) for a, b in matrices)
+    turning = turns(modes, nodes.sun, local_suns) if paths.curved else ()
     return Transport(
         rays,
         jnp.moveaxis(functions, -1, 1),
         carried(rays, *layers(medium, paths, rays, altitude)),
         safe_divide(strength, extinction[:, None, :]),
         medium.ground_albedo,
-        turning,
+        tuple(tuple(jnp.asarray(each.matrix, dtype) for each in some) for some in turning),
+        tuple(tuple((each.of, each.power) for each in some) for some in turning),
     )
 
 

@@ -6,24 +6,40 @@ turn. For an angle psi at the planet's centre that is a linear map of A, the sam
 """
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 
 from atmofit.sky.sun_angles import SunRange, sun_basis, sun_nodes
 
-# The angle at the centre at which the map is exact: a level ray turns so far in 330 km.
-_ANGLE = np.radians(3.0)
+_ANGLE = np.radians(3.0)  # at the centre, at which the map is exact: a level ray turns so in 330 km
+_TWILIGHT_ANGLES = np.radians([1.5, 4.5])  # likewise, where light comes from far
+_TWILIGHT_FROM = np.radians(102.0)  # largest local sun, above which the observer's may be down
 _AZIMUTHS = 48
 
 
+class Turn(NamedTuple):
+    """What light that was turned by an angle adds to the light of some modes.
+
+    Attributes:
+        of: Parity of the modes that are turned, 0 or 1.
+        power: Of the angle that they are weighted with, 1 or 2.
+        matrix: From [mode * sun] to [mode * sun].
+    """
+
+    of: int
+    power: int
+    matrix: np.ndarray
+
+
 @functools.cache
-def turning_matrices(
-    modes: int, suns: int, local_suns: SunRange
-) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-    """The map's coefficients of the angle and of its square.
+def turns(modes: int, suns: int, local_suns: SunRange) -> tuple[tuple[Turn, ...], ...]:
+    """The map in powers of the angle.
 
     To turn by less than nothing is to turn along the opposite azimuth, which changes the sign of
     odd modes: so the angle couples modes of different parity, and its square those of the same.
+    By day that is enough. In twilight light changes so fast with the sun that the map is a
+    parabola through two angles, for all modes.
 
     Args:
         modes: Azimuth modes, two at least.
@@ -31,20 +47,30 @@ def turning_matrices(
         local_suns: Their range [rad]; light beyond it is taken as at its ends.
 
     Returns:
-        For even and for odd modes of the result: from the light of the other parity weighted with
-        the angle, and from that of the same weighted with its square, to what they add,
-        [mode * sun, mode * sun].
+        Those that add to even modes, and to odd ones.
     """
-    size = modes * suns
-    change = _at(_ANGLE, modes, suns, local_suns) - np.eye(size)
-    change = change.reshape(modes, suns, modes, suns)
 
-    def coupled(to: int, of: int, power: int) -> np.ndarray:
-        part = change[to::2, :, of::2]
+    def change(angle: float) -> np.ndarray:
+        matrix = _at(angle, modes, suns, local_suns) - np.eye(modes * suns)
+        return matrix.reshape(modes, suns, modes, suns)
+
+    def turn(to: int, of: int, power: int, coefficient: np.ndarray) -> Turn:
+        part = coefficient[to::2, :, of::2]
         rows, columns = part.shape[0] * suns, part.shape[2] * suns
-        return np.ascontiguousarray(part.reshape(rows, columns).T) / _ANGLE**power
+        return Turn(of, power, np.ascontiguousarray(part.reshape(rows, columns).T))
 
-    return tuple((coupled(p, 1 - p, 1), coupled(p, p, 2)) for p in (0, 1))
+    if local_suns[1] <= _TWILIGHT_FROM:
+        by_angle = change(_ANGLE)
+        first, second = by_angle / _ANGLE, by_angle / _ANGLE**2
+        return tuple((turn(p, 1 - p, 1, first), turn(p, p, 2, second)) for p in (0, 1))
+    a, b = _TWILIGHT_ANGLES.tolist()
+    at_a, at_b = change(a) / a, change(b) / b
+    second = (at_b - at_a) / (b - a)
+    first = at_a - second * a
+    return tuple(
+        tuple(turn(p, of, 1 + k, (first, second)[k]) for of in (0, 1) for k in (0, 1))
+        for p in (0, 1)
+    )
 
 
 def _at(angle: float, modes: int, suns: int, local_suns: SunRange) -> np.ndarray:

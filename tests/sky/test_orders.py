@@ -15,7 +15,7 @@ from atmofit.sky.ladder import LADDER
 from atmofit.sky.orders import Light, transport
 from atmofit.sky.paths import FlatPaths, stretched
 from atmofit.sky.sun_angles import sun_nodes
-from atmofit.sky.turning import turning_matrices
+from atmofit.sky.turning import turns
 
 GREEN = [550.0]
 SLAB = af.Atmosphere(haze=af.Haze(0.5, 0.0, 1.2e3, 1.0, af.HenyeyGreenstein(0.5)), geometry="flat")
@@ -115,20 +115,20 @@ def test_even_light_in_a_closed_room_stays(albedo):
 
 def turn(light, angle, local_suns):
     """Light [mode, sun] as seen from elsewhere."""
-    matrices = turning_matrices(*light.shape, local_suns)
     moved = light.copy()
-    for parity, (other, same) in enumerate(matrices):
-        change = angle * light[1 - parity :: 2].ravel() @ other
-        change += angle**2 * light[parity::2].ravel() @ same
-        moved[parity::2] += change.reshape(-1, light.shape[1])
+    for parity, some in enumerate(turns(*light.shape, local_suns)):
+        for each in some:
+            change = angle**each.power * light[each.of :: 2].ravel() @ each.matrix
+            moved[parity::2] += change.reshape(-1, light.shape[1])
     return moved
 
 
-def test_turning_leaves_even_light_alone():
+@pytest.mark.parametrize("latest_deg", [101.5, 107.5])  # local suns by day, and in twilight
+def test_turning_leaves_even_light_alone(latest_deg):
     modes, suns = 4, 12
     even = np.zeros((modes, suns))
     even[0] = 1.0
-    turned = turn(even, np.radians(2.0), (0.0, np.radians(101.5)))
+    turned = turn(even, np.radians(2.0), (0.0, np.radians(latest_deg)))
     np.testing.assert_allclose(turned, even, atol=1e-8)
 
 
