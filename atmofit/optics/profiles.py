@@ -163,17 +163,22 @@ class LayeredProfile(DensityProfile):
                 start + safe_sqrt(start**2 + rise * (2 * (radius + altitude) + rise)),
             )
 
-        def add_panel(total: Reals, pair: tuple[Scalar, Scalar]) -> tuple[Reals, None]:
-            begin, end = along(pair[0]), along(pair[1])
+        def add_panel(
+            before: tuple[Reals, Reals], level: Scalar
+        ) -> tuple[tuple[Reals, Reals], None]:
+            total, begin = before
+            end = along(level)
             for node, weight in zip(*gauss_nodes(_PANEL_NODES), strict=True):
                 s = begin + float(node) * (end - begin)
                 r0 = radius + altitude
                 r = jnp.sqrt(r0**2 + s * (2 * start + s))
                 z = altitude + s * (2 * start + s) / (r0 + r)
                 total = total + float(weight) * (end - begin) * self.density(z)
-            return total, None
+            return (total, end), None
 
-        total, _ = jax.lax.scan(add_panel, jnp.zeros_like(start), (levels[:-1], levels[1:]))
+        (total, _), _ = jax.lax.scan(
+            add_panel, (jnp.zeros_like(start), along(levels[0])), levels[1:]
+        )
         return total
 
 

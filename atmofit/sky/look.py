@@ -73,10 +73,9 @@ def line_of_sight(
         altitude = paths.advance(observer, cosine, sine, middle).altitude
         fine = _within_free_path(medium, near, altitude) if free_path else near
         distance, weight = _in_panels(edges, jnp.broadcast_to(fine, middle.shape), count)
-    start = jnp.broadcast_to(observer, distance.shape)
-    across = (start, jnp.full_like(start, cosine), jnp.full_like(start, sine))
-    points = paths.advance(*across, distance)
-    columns = [paths.column_between(p, *across, points) for p in medium.profiles]
+    start, across = observer[None], (cosine[None], sine[None])
+    points = paths.advance(start, *across, distance)
+    columns = [paths.column_up(p, start, cosine[None], points) for p in medium.profiles]
     return LineOfSight(points, weight, jnp.stack(columns, axis=-1))
 
 

@@ -1,5 +1,6 @@
 """From one order of scattering to the next: the light everywhere, for every sun."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -75,13 +76,8 @@ class Transport(eqx.Module):
             reflected = self.albedo[:, None] * light.irradiance / np.pi
             on_rays = [_with_ground(each, reflected, p) for p, each in enumerate(on_rays)]
         arriving = [batched_product(carried[0], each, 2) for each in on_rays]
-        weighted = {
-            (of, power): batched_product(carried[power], on_rays[of], 2)
-            for of, power in sorted({each for some in self.turned for each in some})
-        }
-        for p, (matrices, kinds) in enumerate(zip(self.turning, self.turned, strict=True)):
-            for matrix, kind in zip(matrices, kinds, strict=True):
-                arriving[p] = arriving[p] + weighted[kind] @ matrix
+        for p, turned in enumerate(self._turned(carried, on_rays)):
+            arriving[p] = arriving[p].at[..., : turned.shape[-1]].add(turned)
         # Summed before it is reordered: reordering reads far apart.
         arriving = jax.lax.optimization_barrier(arriving)
         parts = [self._onto_moments(each, self.onto[:, p::2]) for p, each in enumerate(arriving)]
@@ -89,6 +85,21 @@ class Transport(eqx.Module):
         weight = (2 * np.pi * self.rays.weight * self.rays.cosine)[0]
         down = arriving[0][:, :, 0, : light.irradiance.shape[-1]]
         return Light(jnp.concatenate(parts, axis=1)[:, order], jnp.tensordot(weight, down, 1))
+
+    def _turned(
+        self, carried: Sequence[Reals], on_rays: list[Reals]
+    ) -> list[Float[Array, "ray w place p"]]:
+        """What turning adds to the first even and to the first odd modes; nothing in flat air."""
+        weighted, added = {}, []
+        for matrices, kinds in zip(self.turning, self.turned, strict=True):
+            parts = []
+            for matrix, (of, power) in zip(matrices, kinds, strict=True):
+                if (of, power) not in weighted:
+                    those = on_rays[of][..., : matrix.shape[0]]
+                    weighted[of, power] = batched_product(carried[power], those, 2)
+                parts.append(weighted[of, power] @ matrix)
+            added.append(sum(parts[1:], parts[0]))
+        return added
 
     def _onto_rays(
         self, source: Float[Array, "z m l w sun"], onto: Float[Array, "z m sideray l"]

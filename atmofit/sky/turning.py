@@ -6,6 +6,7 @@ turn. For an angle psi at the planet's centre that is a linear map of A, the sam
 """
 
 import functools
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ _ANGLE = np.radians(3.0)  # at the centre, at which the map is exact: a level ra
 _TWILIGHT_ANGLES = np.radians([1.5, 4.5])  # likewise, where light comes from far
 _TWILIGHT_FROM = np.radians(102.0)  # largest local sun, above which the observer's may be down
 _AZIMUTHS = 48
+_TURNED = 2 / 3  # of the modes by day; what turning adds to the others is 1e-4 of the light at most
 
 
 class Turn(NamedTuple):
@@ -38,8 +40,8 @@ def turns(modes: int, suns: int, local_suns: SunRange) -> tuple[tuple[Turn, ...]
 
     To turn by less than nothing is to turn along the opposite azimuth, which changes the sign of
     odd modes: so the angle couples modes of different parity, and its square those of the same.
-    By day that is enough. In twilight light changes so fast with the sun that the map is a
-    parabola through two angles, for all modes.
+    By day that is enough, and the highest modes are left as they are. In twilight light changes so
+    fast with the sun that the map is a parabola through two angles, for all modes.
 
     Args:
         modes: Azimuth modes, two at least.
@@ -47,8 +49,11 @@ def turns(modes: int, suns: int, local_suns: SunRange) -> tuple[tuple[Turn, ...]
         local_suns: Their range [rad]; light beyond it is taken as at its ends.
 
     Returns:
-        Those that add to even modes, and to odd ones.
+        Those that add to even modes, and to odd ones, the first of each.
     """
+    by_day = local_suns[1] <= _TWILIGHT_FROM
+    if by_day:
+        modes = math.ceil(_TURNED * modes)
 
     def change(angle: float) -> np.ndarray:
         matrix = _at(angle, modes, suns, local_suns) - np.eye(modes * suns)
@@ -59,7 +64,7 @@ def turns(modes: int, suns: int, local_suns: SunRange) -> tuple[tuple[Turn, ...]
         rows, columns = part.shape[0] * suns, part.shape[2] * suns
         return Turn(of, power, np.ascontiguousarray(part.reshape(rows, columns).T))
 
-    if local_suns[1] <= _TWILIGHT_FROM:
+    if by_day:
         by_angle = change(_ANGLE)
         first, second = by_angle / _ANGLE, by_angle / _ANGLE**2
         return tuple((turn(p, 1 - p, 1, first), turn(p, p, 2, second)) for p in (0, 1))

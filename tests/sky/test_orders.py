@@ -118,8 +118,9 @@ def turn(light, angle, local_suns):
     moved = light.copy()
     for parity, some in enumerate(turns(*light.shape, local_suns)):
         for each in some:
-            change = angle**each.power * light[each.of :: 2].ravel() @ each.matrix
-            moved[parity::2] += change.reshape(-1, light.shape[1])
+            those = light[each.of :: 2].ravel()[: each.matrix.shape[0]]
+            change = (angle**each.power * those @ each.matrix).reshape(-1, light.shape[1])
+            moved[parity::2][: len(change)] += change
     return moved
 
 
