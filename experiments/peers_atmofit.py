@@ -1,6 +1,5 @@
 """The same skies with atmofit: round or flat, one order of scattering or all."""
 
-import dataclasses
 import functools
 import time
 from collections.abc import Callable
@@ -8,11 +7,9 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from error_vs_runtime_case import FINE
 from peers_scene import Scene, Skies, median_seconds
 
 import atmofit as af
-from atmofit.sky.ladder import LADDER
 from atmofit.sky.plan import Plan
 
 # Optical depths are linear between wavelengths so close: a power law is then within 2e-5.
@@ -36,7 +33,7 @@ def atmofit_sky(
 
     Args:
         scene: What is computed; nothing in it absorbs but the haze.
-        rung: Of the ladder; 0: nodes finer than its finest, at every wavelength.
+        rung: Of the ladder.
         orders: 1 or "all".
         geometry: "spherical" or "flat".
         every_wavelength: Compute each, not a few between which radiance is interpolated.
@@ -77,22 +74,15 @@ def _program(
         jnp.asarray(scene.relative_azimuth, plan.dtype),
     )
 
-    over = jax.lax.map if plan.nodes == FINE else _side_by_side
-
     def skies(loads: jax.Array, wavelength: jax.Array) -> jax.Array:
         def of_load(load: jax.Array) -> jax.Array:
             field = af.solve_sky(air(load), wavelength, plan=plan)
-            return over(lambda sun: field.radiance(sun, grid, 1.0), suns)
+            return jax.vmap(lambda sun: field.radiance(sun, grid, 1.0))(suns)
 
         # One load after the other: what belongs to one stays in the processor's cache.
         return jax.lax.map(of_load, loads)
 
     return skies
-
-
-def _side_by_side(function: Callable[[jax.Array], jax.Array], values: jax.Array) -> jax.Array:
-    """As `jax.lax.map`, which takes less memory and more time."""
-    return jax.vmap(function)(values)
 
 
 def _plan(
@@ -103,16 +93,15 @@ def _plan(
     every_wavelength: bool,
     dtype: str,
 ) -> Plan:
-    """Of a rung, or finer; it knows the suns."""
-    plan = af.plan_sky(
+    """Of a rung; it knows the suns."""
+    return af.plan_sky(
         air,
         solar_zenith_angle=scene.solar_zenith_angle,
         orders=orders,
-        rtol=rung or min(LADDER),
+        rtol=rung,
         dtype=dtype,
         all_wavelengths=every_wavelength,
     )
-    return plan if rung else dataclasses.replace(plan, nodes=FINE, all_wavelengths=True)
 
 
 def _air(

@@ -60,8 +60,6 @@ class Case:
     def label(self) -> str:
         """Its settings in words, without those that the group and the series imply."""
         implied = {"mode", "orders", "geometry", "every_wavelength"}
-        if self.settings.get("rung") == 0:
-            return "beyond the ladder, float64"
         return ", ".join(
             f"{name.replace('_', ' ')} {value}"
             for name, value in self.settings.items()

@@ -102,12 +102,12 @@ def test_values_must_be_known():
 
 
 def test_a_planned_sky_is_the_sky():
-    """Against the finest rung with nothing left out."""
+    """Against a finer rung with nothing left out."""
     hazy = dataclasses.replace(af.Atmosphere.from_turbidity(3.0), ground=af.Ground(0.2))
     views = af.DirectionGrid(np.radians([0.0, 45.0, 80.0]), np.radians([0.0, 90.0, 180.0]))
-    sun, rtol = np.radians(50.0), 1e-2
+    sun, rtol = np.radians(50.0), 5e-2
     plan = af.plan_sky(hazy, solar_zenith_angle=sun, directions=views, orders=None, rtol=rtol)
-    fine = af.plan_sky(hazy, solar_zenith_angle=sun, orders="all", rtol=2e-3)
+    fine = af.plan_sky(hazy, solar_zenith_angle=sun, orders="all", rtol=1e-2)
     found, exact = (
         np.asarray(af.simulate_sky(hazy, sun, views, [550.0], plan=each)) for each in (plan, fine)
     )
