@@ -29,7 +29,7 @@ class Nodes:
         higher_modes: Azimuth modes of the light of order 2 and above.
         higher_degrees: Legendre moments of it.
         streams: Rays that meet the ground, along which light of order 2 and above is carried.
-        steps: Orders computed before the rest is added as a geometric series.
+        steps: Orders above the first two that are computed before the rest is added.
         wavelength: Wavelengths between which log radiance is interpolated; 0: all that are asked.
         rough: Wavelengths between which the effect of absorbers and of a coloured ground is.
     """

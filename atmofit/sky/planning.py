@@ -209,7 +209,7 @@ def _orders_in_words(plan: Plan, computed: list[str], left_out: list[str]) -> No
             f"second order, {n.altitude} altitudes x {n.sun} sun angles x {n.degrees} moments"
         )
     if order == "all":
-        computed.append(f"orders to {n.steps + 2}, the rest as a geometric series")
+        computed.append(f"orders to {n.steps + 2}, the rest as their best mixture")
         return
     if order not in (1, 2):
         computed.append(f"orders 3 to {order}")
