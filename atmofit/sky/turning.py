@@ -17,7 +17,7 @@ _ANGLE = np.radians(3.0)  # at the centre, at which the map is exact: a level ra
 _TWILIGHT_ANGLES = np.radians([1.5, 4.5])  # likewise, where light comes from far
 _TWILIGHT_FROM = np.radians(102.0)  # largest local sun, above which the observer's may be down
 _AZIMUTHS = 48
-_TURNED = 2 / 3  # of the modes by day; what turning adds to the others is 1e-4 of the light at most
+_TURNED = 2 / 3  # of the modes by day; to turn the others too changes 1e-4 of the light (rung 2e-3)
 
 
 class Turn(NamedTuple):
