@@ -19,6 +19,9 @@ install: $(STAMP)  ## Create .venv and install atmofit into it
 refit: $(STAMP)  ## Regenerate the coefficient matrices: tables, pictures and report in runs/refit
 	$(BIN)/atmofit refit --out $(OUT)
 
+# The tests compile hundreds of programs and run each on few nodes: quick compilation is worth more
+# than quick programs there (half the time of the whole run).
+test: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0
 test: $(STAMP)  ## Run the tests on two processes, each file on one of them
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q
 
