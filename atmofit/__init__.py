@@ -26,12 +26,19 @@ from atmofit.fit.parameters import PerezPrior
 from atmofit.fit.refit import RefitResult, refit
 from atmofit.fit.single_sky import PerezFit, fit_perez
 from atmofit.fit.skies import RefitSettings, simulate_skies
+from atmofit.fit.sky_model import SkyModelFit, fit_sky_model
+from atmofit.fit.training import TrainedModel, TrainingSettings, simulate_training, train
 from atmofit.fit.turbidity import TurbidityEstimate, estimate_turbidity
 from atmofit.fit.zenith import ZenithFit, fit_zenith_chromaticity, fit_zenith_luminance
 from atmofit.geometry import DirectionGrid, Directions, dome_343, scattering_angle
-from atmofit.io import read_coefficients
+from atmofit.io import read_coefficients, read_sky_model
+from atmofit.models.cie import CIEShape, cie_general_sky
+from atmofit.models.dependence import Basis, Dependence
 from atmofit.models.perez import perez
 from atmofit.models.preetham import PREETHAM_1999, PreethamModel
+from atmofit.models.shapes import AUREOLE, EXTENDED, PEREZ, Shape
+from atmofit.models.sky_model import SkyModel
+from atmofit.models.stored import ATMOFIT_2026
 from atmofit.optics.air import (
     air_depolarisation,
     air_refractivity,
@@ -76,11 +83,18 @@ from atmofit.sun import solar_irradiance_spectrum
 __version__ = "0.1.0"
 
 __all__ = [
+    "ATMOFIT_2026",
+    "AUREOLE",
+    "EXTENDED",
+    "PEREZ",
     "PREETHAM_1999",
     "Absorber",
     "Atmosphere",
+    "Basis",
+    "CIEShape",
     "CornetteShanks",
     "DensityProfile",
+    "Dependence",
     "DirectionGrid",
     "Directions",
     "DistributionFit",
@@ -103,10 +117,15 @@ __all__ = [
     "Rayleigh",
     "RefitResult",
     "RefitSettings",
+    "Shape",
     "SizeDistribution",
     "SkyField",
+    "SkyModel",
+    "SkyModelFit",
     "Spectrum",
     "TabulatedPhase",
+    "TrainedModel",
+    "TrainingSettings",
     "TurbidityEstimate",
     "XYZ_to_linear_sRGB",
     "XYZ_to_xyY",
@@ -114,12 +133,14 @@ __all__ = [
     "air_depolarisation",
     "air_refractivity",
     "bullrich_phase",
+    "cie_general_sky",
     "compare",
     "debug_checks",
     "dome_343",
     "estimate_turbidity",
     "fit_distribution",
     "fit_perez",
+    "fit_sky_model",
     "fit_zenith_chromaticity",
     "fit_zenith_luminance",
     "identify_distribution",
@@ -137,12 +158,14 @@ __all__ = [
     "rayleigh_cross_section",
     "rayleigh_optical_depth",
     "read_coefficients",
+    "read_sky_model",
     "refit",
     "scattering_angle",
     "simulate_luminance",
     "simulate_skies",
     "simulate_sky",
     "simulate_sun",
+    "simulate_training",
     "solar_irradiance_spectrum",
     "solve_sky",
     "spectrum_to_XYZ",
@@ -151,5 +174,6 @@ __all__ = [
     "standard_number_density",
     "standard_pressure",
     "standard_temperature",
+    "train",
     "xyY_to_XYZ",
 ]

@@ -12,7 +12,10 @@ from atmofit.files import replace_file as replace_file
 from atmofit.fit import identifiability_words, verdict
 from atmofit.fit.refit import RefitResult
 from atmofit.fit.skies import QUANTITIES, RefitSettings
+from atmofit.fit.training import TrainedModel
+from atmofit.models import stored as stored_models
 from atmofit.models.preetham import PreethamModel
+from atmofit.models.sky_model import SkyModel
 from atmofit.provenance import versions
 
 _DISTRIBUTION = {
@@ -104,6 +107,62 @@ def _read(path: Path) -> tuple[PreethamModel, RefitSettings]:
         raise ValueError(
             f"file must be a coefficients.json of atmofit refit, got {str(path)!r} ({error})"
         ) from error
+
+
+def write_sky_model(trained: TrainedModel, path: Path) -> Path:
+    """Write a trained model with what it was made from and how well it fits, as JSON."""
+    fit, skies = trained.fit, trained.skies
+    made = {
+        "settings": dataclasses.asdict(skies.settings),
+        "seconds": trained.seconds,
+        "versions": versions(),
+        "fit": {
+            name: np.asarray(getattr(fit, name)).tolist()
+            for name in ("rms", "largest", "converged", "steps", "start_loss")
+        },
+    }
+    text = json.dumps(stored_models.to_dict(trained.model) | {"made": made})
+    return replace_file(path, lambda name: _write_text(name, text))
+
+
+def read_sky_model(path: Path) -> SkyModel:
+    """Read a model that `write_sky_model` wrote.
+
+    Raises:
+        ValueError: The file is absent, or is not such a file.
+    """
+    try:
+        return stored_models.from_dict(json.loads(Path(path).read_text(encoding="utf-8")))
+    except OSError as error:
+        raise ValueError(f"file must exist, got {str(path)!r} ({error.strerror})") from error
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise ValueError(
+            f"file must be a sky_model.json of atmofit refit, got {str(path)!r} ({error})"
+        ) from error
+
+
+def write_source(model: SkyModel, language: str, path: Path, name: str) -> Path:
+    """Write a sky model as source code, or as JSON.
+
+    Args:
+        model: What to write, with the channels it has.
+        language: "c", "glsl", "hlsl", "python" or "json".
+        path: File to write; its folder is made.
+        name: Of the function.
+
+    Raises:
+        ValueError: An unknown language, a name that is no identifier, or a folder that cannot be
+            written.
+        ImportError: sympy (extra `export`) is missing.
+    """
+    if language == "json":
+        text = json.dumps(stored_models.to_dict(model))
+    else:
+        from atmofit.export.languages import source_code  # sympy is optional
+
+        text = source_code(model, language, name).rstrip("\n")
+    output_folder(path.parent)
+    return replace_file(path, lambda temporary: _write_text(temporary, text))
 
 
 def write_dataset(result: RefitResult, path: Path) -> Path:

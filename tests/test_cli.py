@@ -124,3 +124,12 @@ def test_unknown_arguments_give_status_2(arguments, capsys):
         main(arguments)
     assert stop.value.code == 2
     assert capsys.readouterr().err
+
+
+def test_export_writes_source_code(tmp_path, capsys):
+    assert main(["export", "--to", "glsl", "--out", str(tmp_path / "sky.glsl")]) == 0
+    assert "sky.glsl" in capsys.readouterr().out
+    assert "void atmofit_2026(" in (tmp_path / "sky.glsl").read_text()
+    absent = str(tmp_path / "absent.json")
+    assert main(["export", "--to", "c", "--out", "x", "--model", absent]) == 2
+    assert "file must exist" in capsys.readouterr().err

@@ -14,6 +14,7 @@ from atmofit.fit.observation import Observation
 from atmofit.fit.weighting import safe_log
 from atmofit.geometry import DirectionGrid, Directions
 from atmofit.models.preetham import PREETHAM_1999, PreethamModel
+from atmofit.models.sky_model import SkyModel
 from atmofit.optics.atmosphere import Atmosphere
 from atmofit.sky.plan import Plan
 from atmofit.sky.planning import plan_sky
@@ -77,7 +78,7 @@ class TurbidityEstimate(eqx.Module):
 
 def estimate_turbidity(
     observation: Observation,
-    model: str | PreethamModel = "preetham",
+    model: str | PreethamModel | SkyModel = "preetham",
     *,
     start: RealsLike | None = None,
     turbidity_range: tuple[float, float] | None = None,
@@ -97,7 +98,8 @@ def estimate_turbidity(
     Args:
         observation: Luminances, or spectra that cover 380 to 780 nm.
         model: "preetham", the published model of 1999; "simulator", the sky of
-            `Atmosphere.from_turbidity`; or a fitted model such as `refit().model`.
+            `Atmosphere.from_turbidity`; or a fitted model such as `refit().model` or
+            `ATMOFIT_2026`.
         start: Candidate for the beginning of the search beside the scan; brought inside the range.
         turbidity_range: Searched; inside the model's own range. None: all of it, 1 to 30 for the
             simulator. Static.
@@ -150,7 +152,7 @@ def estimate_turbidity(
 class _AnalyticSky(eqx.Module):
     """Luminance by a closed formula."""
 
-    model: PreethamModel
+    model: PreethamModel | SkyModel
 
     def __call__(
         self, turbidity: Scalar, solar_zenith_angle: Scalar, directions: Directions | DirectionGrid
@@ -187,10 +189,10 @@ _Sky = _AnalyticSky | _SimulatedSky
 
 
 def _skies(
-    model: str | PreethamModel, orders: int, rtol: float, plan: Plan | None
+    model: str | PreethamModel | SkyModel, orders: int, rtol: float, plan: Plan | None
 ) -> tuple[_Sky, _Sky, str]:
     """What computes the sky, what computes it for the scan, and its name."""
-    if isinstance(model, PreethamModel) or model == "preetham":
+    if isinstance(model, PreethamModel | SkyModel) or model == "preetham":
         chosen = PREETHAM_1999 if isinstance(model, str) else model
         sky = _AnalyticSky(jax.tree.map(jnp.asarray, chosen))
         return sky, sky, "preetham" if isinstance(model, str) else "fitted"

@@ -1,0 +1,1 @@
+"""Sky models as source code for renderers."""
