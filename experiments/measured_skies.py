@@ -23,6 +23,7 @@ from measured_data import (
     read_skies,
     score,
 )
+from measured_fitted import FittedScore, fitted_scores, site_albedo
 from measured_models import (
     analytic,
     free_perez,
@@ -36,6 +37,13 @@ from run_files import commit
 
 import atmofit as af
 
+FITTED = """\
+Turbidity (and nothing else) fitted to every second direction of each scan, the others scored;
+ground albedo {albedo:.3f}; shared: 360 to 712 nm, where all models have spectra. Codes: in the same
+directions, with the aerosol that they were given.
+
+| model | group | RMS | RMS, shared | luminance, relative RMS | turbidity |
+|---|---|---|---|---|---|"""
 HEADER = ["model", "group", "RMS", "RMS far from the sun", "luminance, relative RMS"]
 HEADER += ["level", "pattern"]
 
@@ -88,10 +96,15 @@ def main(config: Config) -> None:
         print(f"measured_skies: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     scores = score(skies, predictions)
-    table = report(config, scores, other, air)
+    atmosphere, irradiance = site_atmosphere(folder)
+    assert atmosphere.ground is not None
+    albedo = site_albedo(atmosphere.ground.albedo, irradiance)
+    fitted = fitted_scores(skies, codes, model, irradiance, albedo)
+    table = report(config, scores, other, air) + "\n\n" + fitted_table(fitted, albedo)
     print(table)
     (config.out / "table.md").write_text(table + "\n")
-    (config.out / "scores.json").write_text(json.dumps(scores, indent=1) + "\n")
+    stored = {"given": scores, "fitted": fitted}
+    (config.out / "scores.json").write_text(json.dumps(stored, indent=1) + "\n")
     settings = {**dataclasses.asdict(config), "commit": commit(), "jax": jax.__version__}
     (config.out / "config.json").write_text(json.dumps(settings, indent=1, default=str) + "\n")
     for path in draw_all(config.out, skies, predictions):
@@ -120,6 +133,23 @@ def report(config: Config, scores: list[Score], other: list[Score], air: str) ->
     depth, turbidity = config.aerosol_optical_depth, _turbidity(config)
     note = NOTE.format(depth=depth, turbidity=turbidity)
     lines = [*_table(scores), "", note, "", air, "", RESAMPLING, "", *_table(other)]
+    return "\n".join(lines)
+
+
+def fitted_table(scores: list[FittedScore], albedo: float) -> str:
+    """The table of models with fitted turbidity, in Markdown."""
+    lines = [FITTED.format(albedo=albedo)]
+    for row in scores:
+        whole, relative = row["rms_mW"], row["luminance_rms_relative"]
+        cells = [
+            row["model"],
+            row["group"],
+            "-" if whole is None else f"{whole:.1f}",
+            f"{row['rms_shared_mW']:.1f}",
+            "-" if relative is None else f"{100 * relative:.1f} %",
+            " ".join(f"{value:.2f}" for value in row["turbidity"]) or "-",
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 

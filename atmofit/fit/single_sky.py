@@ -294,10 +294,26 @@ def sky_problem(
 def search(
     problem: "SkyProblem | RatioProblem", fits: int, max_steps: int
 ) -> least_squares.Minimum:
-    """Minimise each fit of a problem from the best of the candidates."""
-    starts = best_candidates(problem, fits)
-    paths = parameters.paths(problem.prior, problem.ends, starts.dtype)
-    return least_squares.minimise(problem.derivatives, starts, paths, max_steps, problem.lanes)
+    """Minimise each fit of a problem from the best of the candidates.
+
+    The minima have the derivatives by all that the problem holds, which follow from the problem at
+    the minimum alone (the implicit function theorem): nothing is differentiated through the search.
+    """
+    still = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, problem)
+    starts = best_candidates(still, fits)
+    paths = parameters.paths(still.prior, still.ends, starts.dtype)
+    found = least_squares.minimise(still.derivatives, starts, paths, max_steps, still.lanes)
+    ridge = jnp.asarray(problem.prior.strength, starts.dtype) ** 2
+
+    def followed(fit: Int[Array, ""], place: Reals) -> Reals:
+        _, gradient, hessian = problem.derivatives(fit, place)
+        curvature = jax.lax.stop_gradient(hessian) + ridge * jnp.eye(place.size, dtype=place.dtype)
+        step = -jnp.linalg.solve(curvature, gradient + ridge * place)
+        # No step is taken; only its slope counts.
+        return place + (step - jax.lax.stop_gradient(step))
+
+    places = jax.lax.map(lambda at: followed(*at), (jnp.arange(fits), found.parameters))
+    return eqx.tree_at(lambda m: m.parameters, found, places)
 
 
 def best_candidates(problem: "SkyProblem | RatioProblem", fits: int) -> Float[Array, "fit p"]:
