@@ -43,13 +43,15 @@ class Config:
     """How many times a part of the skies is left out."""
     seed: int = 0
     """Of the parts."""
+    pieces: Path = Path("runs/refit_standard/pieces")
+    """Of the simulation; those of `atmofit refit --preset standard` are taken."""
     out: Path = Path("runs/model_selection")
 
 
 def main(config: Config) -> None:
     """Simulate, fit by turns, compare."""
     config.out.mkdir(parents=True, exist_ok=True)
-    skies = af.simulate_training(pieces=config.out / "pieces")
+    skies = af.simulate_training(pieces=config.pieces)
     place = np.stack(skies.place)
     luminance = skies.XYZ()[..., 1]
     # At the ends of turbidity and sun nothing is left out: models are not meant to go beyond.
@@ -153,6 +155,9 @@ def _picture(results: list[dict]) -> bytes:
         yscale="log",
         title="filled: skies left out; open: skies fitted",
     )
+    axes.set_xticks([125, 250, 500, 1000], ["125", "250", "500", "1000"])
+    axes.set_yticks([3, 4, 6, 8, 12], ["3", "4", "6", "8", "12"])
+    axes.minorticks_off()
     axes.legend()
     return png_bytes(figure)
 
