@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import atmofit as af
 from atmofit.models.dependence import Basis, Dependence
@@ -202,3 +204,28 @@ def test_cie_skies():
     assert af.cie_general_sky(12, view, γ, sun)[2] == pytest.approx(known, rel=2e-3)
     with pytest.raises(ValueError, match="sky_type must be a whole number from 1 to 15, got 16"):
         af.cie_general_sky(16, 0.0, 0.0, 0.0)
+
+
+@jax.jit
+def _value_and_slopes(place):
+    def logs(p):
+        return jnp.log(MODEL.XYZ(p[0], p[1], af.Directions(p[3:4], p[4:5]), p[2])).sum()
+
+    return jax.value_and_grad(logs)(place)
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(
+    st.tuples(
+        st.floats(1.25, 10.0, width=32),
+        st.floats(0.0, np.float32(np.radians(92.0)).item(), width=32),
+        st.floats(0.0, np.float32(0.8).item(), width=32),
+        st.floats(0.0, np.float32(np.pi / 2).item(), width=32),
+        st.floats(-10.0, 10.0, width=32),
+    ),
+    st.sampled_from(["float32", "float64"]),
+)
+def test_finite_and_positive_with_finite_slopes_anywhere(place, dtype):
+    value, slopes = _value_and_slopes(jnp.asarray(place, dtype))
+    assert np.isfinite(value)  # the logarithm of a positive number
+    assert np.isfinite(slopes).all()
