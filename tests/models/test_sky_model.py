@@ -215,17 +215,12 @@ def _value_and_slopes(place):
 
 
 @settings(max_examples=150, deadline=None, derandomize=True)
-@given(
-    st.tuples(
-        st.floats(1.25, 10.0, width=32),
-        st.floats(0.0, np.float32(np.radians(92.0)).item(), width=32),
-        st.floats(0.0, np.float32(0.8).item(), width=32),
-        st.floats(0.0, np.float32(np.pi / 2).item(), width=32),
-        st.floats(-10.0, 10.0, width=32),
-    ),
-    st.sampled_from(["float32", "float64"]),
-)
-def test_finite_and_positive_with_finite_slopes_anywhere(place, dtype):
+@given(st.tuples(*[st.floats(0.0, 1.0)] * 5), st.sampled_from(["float32", "float64"]))
+def test_finite_and_positive_with_finite_slopes_anywhere(shares, dtype):
+    """The float32 nearest to an end of a range counts as inside, in single precision."""
+    low = np.array([1.2, 0.0, 0.0, 0.0, -10.0])
+    high = np.array([10.0, np.radians(92.0), 0.8, np.pi / 2, 10.0])
+    place = np.minimum(low + np.asarray(shares) * (high - low), high)
     value, slopes = _value_and_slopes(jnp.asarray(place, dtype))
     assert np.isfinite(value)  # the logarithm of a positive number
     assert np.isfinite(slopes).all()
