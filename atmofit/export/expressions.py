@@ -107,10 +107,6 @@ def _select(which: Any, *cases: Any) -> Any:
     return sympy.Piecewise((cases[1], which), (cases[0], True))
 
 
-def _power(base: Any, exponent: Any) -> Any:
-    return base**exponent
-
-
 _ELEMENTWISE: dict[str, Callable[..., Any]] = {
     "add": operator.add,
     "add_any": operator.add,
@@ -118,7 +114,7 @@ _ELEMENTWISE: dict[str, Callable[..., Any]] = {
     "mul": operator.mul,
     "div": operator.truediv,
     "neg": operator.neg,
-    "pow": _power,
+    "pow": operator.pow,
     "max": sympy.Max,
     "min": sympy.Min,
     "abs": sympy.Abs,
