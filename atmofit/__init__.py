@@ -13,6 +13,7 @@ from atmofit.colour import (
     spectrum_to_XYZ,
     xyY_to_XYZ,
 )
+from atmofit.fit.candidates import SimulatorModel
 from atmofit.fit.comparison import compare
 from atmofit.fit.distribution import DistributionFit, fit_distribution
 from atmofit.fit.identifiability import (
@@ -21,8 +22,14 @@ from atmofit.fit.identifiability import (
     identify_perez,
     identify_zenith,
 )
-from atmofit.fit.observation import Observation
+from atmofit.fit.model_error import ModelError, stored_model_error
 from atmofit.fit.parameters import PerezPrior
+from atmofit.fit.posterior import (
+    TurbidityProfile,
+    TurbiditySamples,
+    profile_turbidity,
+    sample_turbidity,
+)
 from atmofit.fit.refit import RefitResult, refit
 from atmofit.fit.single_sky import PerezFit, fit_perez
 from atmofit.fit.skies import RefitSettings, simulate_skies
@@ -39,6 +46,11 @@ from atmofit.models.preetham import PREETHAM_1999, PreethamModel
 from atmofit.models.shapes import AUREOLE, EXTENDED, PEREZ, Shape
 from atmofit.models.sky_model import SkyModel
 from atmofit.models.stored import ATMOFIT_2026
+from atmofit.observe.channels import Camera
+from atmofit.observe.images import Photograph, read_photograph
+from atmofit.observe.observation import Observation
+from atmofit.observe.photograph import SkyFromPhotograph, SkySettings, sky_from_photograph
+from atmofit.observe.tables import read_observations
 from atmofit.optics.air import (
     air_depolarisation,
     air_refractivity,
@@ -47,6 +59,7 @@ from atmofit.optics.air import (
     rayleigh_optical_depth,
 )
 from atmofit.optics.atmosphere import Atmosphere, Ground
+from atmofit.optics.continental import continental_air
 from atmofit.optics.exponential_layers import ExponentialLayers
 from atmofit.optics.gases import Absorber
 from atmofit.optics.haze import Haze, bullrich_phase
@@ -79,6 +92,7 @@ from atmofit.sky.planning import plan_sky
 from atmofit.sky.simulate import simulate_luminance, simulate_sky, solve_sky
 from atmofit.spectrum import Spectrum
 from atmofit.sun import solar_irradiance_spectrum
+from atmofit.sun_position import solar_position, sun_at
 
 __version__ = "0.1.0"
 
@@ -92,6 +106,7 @@ __all__ = [
     "Atmosphere",
     "Basis",
     "CIEShape",
+    "Camera",
     "CornetteShanks",
     "DensityProfile",
     "Dependence",
@@ -106,11 +121,13 @@ __all__ = [
     "HenyeyGreenstein",
     "Identifiability",
     "MieOptics",
+    "ModelError",
     "Molecules",
     "Observation",
     "PerezFit",
     "PerezPrior",
     "PhaseFunction",
+    "Photograph",
     "Plan",
     "PreethamModel",
     "Profile",
@@ -118,15 +135,20 @@ __all__ = [
     "RefitResult",
     "RefitSettings",
     "Shape",
+    "SimulatorModel",
     "SizeDistribution",
     "SkyField",
+    "SkyFromPhotograph",
     "SkyModel",
     "SkyModelFit",
+    "SkySettings",
     "Spectrum",
     "TabulatedPhase",
     "TrainedModel",
     "TrainingSettings",
     "TurbidityEstimate",
+    "TurbidityProfile",
+    "TurbiditySamples",
     "XYZ_to_linear_sRGB",
     "XYZ_to_xyY",
     "ZenithFit",
@@ -135,6 +157,7 @@ __all__ = [
     "bullrich_phase",
     "cie_general_sky",
     "compare",
+    "continental_air",
     "debug_checks",
     "dome_343",
     "estimate_turbidity",
@@ -155,18 +178,24 @@ __all__ = [
     "modified_gamma_sizes",
     "perez",
     "plan_sky",
+    "profile_turbidity",
     "rayleigh_cross_section",
     "rayleigh_optical_depth",
     "read_coefficients",
+    "read_observations",
+    "read_photograph",
     "read_sky_model",
     "refit",
+    "sample_turbidity",
     "scattering_angle",
     "simulate_luminance",
     "simulate_skies",
     "simulate_sky",
     "simulate_sun",
     "simulate_training",
+    "sky_from_photograph",
     "solar_irradiance_spectrum",
+    "solar_position",
     "solve_sky",
     "spectrum_to_XYZ",
     "spectrum_to_xyY",
@@ -174,6 +203,8 @@ __all__ = [
     "standard_number_density",
     "standard_pressure",
     "standard_temperature",
+    "stored_model_error",
+    "sun_at",
     "train",
     "xyY_to_XYZ",
 ]

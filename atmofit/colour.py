@@ -20,6 +20,8 @@ WHITE = 1 / 3  # x and y of a black spectrum: the chromaticity of equal energy
 _SRGB_FROM_XYZ = np.array(
     [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
 )
+# Y of one unit of linear R, G and B.
+LUMINANCE_OF_SRGB = np.linalg.inv(_SRGB_FROM_XYZ)[1]
 
 
 def spectrum_to_XYZ(radiance: RealsLike, wavelength_nm: RealsLike) -> Reals:

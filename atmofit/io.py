@@ -118,7 +118,7 @@ def write_sky_model(trained: TrainedModel, path: Path) -> Path:
         "versions": versions(),
         "fit": {
             name: np.asarray(getattr(fit, name)).tolist()
-            for name in ("rms", "largest", "converged", "steps", "start_loss")
+            for name in ("rms", "largest", "converged", "steps", "start_loss", "standard_error")
         },
     }
     text = json.dumps(stored_models.to_dict(trained.model) | {"made": made})

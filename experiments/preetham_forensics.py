@@ -4,8 +4,11 @@ The published luminance is the data. The prediction is the paper's work done aga
 air, simulated, and the five-parameter formula fitted to all of them, linear in turbidity. What is
 not stated, or may be wrong, is a factor with a logarithm of 0 as we read the paper. Slopes of the
 prediction go through the simulator and through the fit (by the implicit function theorem); with
-them each assumption alone, and then the pairs that promise most, are moved to where the prediction
-is nearest. Writes table.md and result.json.
+them each assumption alone, and then the pairs that promise most, are moved to where the
+prediction is nearest. How luminance is weighted in the fit and which suns it sees are tried as
+choices. Beside each, how far x and y of the simulated skies are from the published ones; they were
+not searched for.
+Writes table.md and result.json.
 """
 
 import dataclasses
@@ -19,17 +22,19 @@ import jax.numpy as jnp
 import numpy as np
 import tyro
 from run_files import markdown, write_run
+from what_moves_it_skies import ScaledPhase
 
 import atmofit as af
 
 ASSUMPTIONS = {
-    "optical depth of air": "extinction scale, refractive index of air",
+    "optical depth of air": "extinction scale; refractive index, n - 1 by the root of the factor",
     "scale height of air": "density profile of air",
     "optical depth of haze": "haze constant (printed and corrected differ), extinction scale",
     "scale height of haze": "profile of the haze",
     "exponent of haze": "Junge exponent",
     "scattered share of haze": "single-scattering albedo; at most 1",
-    "light of the sun": "solar scale, phase normalisation, photometric constant",
+    "phase function of haze": "its normalisation: haze scatters more or less than it takes away",
+    "light of the sun": "solar scale, photometric constant",
 }
 NAMES = tuple(ASSUMPTIONS)
 LARGEST = np.log(10.0)  # of a factor's logarithm: beyond, it is no longer the paper's air
@@ -44,6 +49,10 @@ class Config:
     """Solar zenith angles [degree]."""
     orders: tuple[int, ...] = (1, 2, 4)
     """Scattering orders that may have been meant; the paper says two."""
+    weightings: tuple[str, ...] = ("absolute", "log")
+    """Of luminance in the fit, tried instead of "relative"."""
+    latest_suns_deg: tuple[float, ...] = (60.0,)
+    """Suns that the fit may have ended at, tried instead of all of them."""
     rtol: float = 5e-2
     """Rung of the simulation."""
     steps: int = 5
@@ -60,32 +69,59 @@ def main(config: Config) -> None:
     found: list[dict[str, Any]] = []
     for orders in config.orders:
         problem = Problem(config, orders, published)
-        nothing = problem.state(np.zeros(len(NAMES)))
-        found.append({"orders": orders, "changed": {}, **nothing.summary()})
-        print(found[-1], flush=True)
+        start = problem.state(np.zeros(len(NAMES)))
+        found.append(_row(problem, start, {}))
         if orders != 2:
             continue
         singles = [(k,) for k in range(len(NAMES))]
-        for which in singles + problem.promising(nothing, config.pairs):
+        for which in singles + problem.promising(start, config.pairs):
             end = problem.search(which, config.steps)
             changed = {NAMES[k]: float(np.exp(end.place[k])) for k in which}
-            found.append({"orders": orders, "changed": changed, **end.summary()})
-            print(found[-1], flush=True)
+            found.append(_row(problem, end, changed))
+        choices: list[dict[str, Any]] = [{"weighting": name} for name in config.weightings]
+        choices += [{"latest_sun_deg": sun} for sun in config.latest_suns_deg]
+        for choice in choices:
+            other = Problem(config, orders, published, **choice)
+            found.append(_row(other, other.state(start.place), choice))
     found.sort(key=lambda each: each["rms"])
     head = ["orders", "changed, by factor", "rms of ln luminance", "level", "rms of pattern"]
+    head += ["rms of x", "rms of y"]
     rows = [
         [
             str(each["orders"]),
-            "; ".join(f"{name} {x:.2f}" for name, x in each["changed"].items()) or "nothing",
+            _words(each["changed"]),
             f"{each['rms']:.3f}",
             f"{np.exp(each['level']):.2f}",
             f"{each['pattern']:.3f}",
+            f"{each['x']:.3f}",
+            f"{each['y']:.3f}",
         ]
         for each in found
     ]
     text = markdown(head, rows)
     print(text)
     write_run(config.out, config, {"found": found, "assumptions": ASSUMPTIONS}, text + "\n")
+
+
+def _row(problem: "Problem", state: "State", changed: dict[str, Any]) -> dict[str, Any]:
+    """What was found, printed at once."""
+    row = {"orders": problem.orders, "changed": changed, **state.summary()}
+    row |= problem.chromaticity(state.place)
+    print(row, flush=True)
+    return row
+
+
+def _words(changed: dict[str, Any]) -> str:
+    """What was changed, in words."""
+    return (
+        "; ".join(
+            f"{name.replace('_', ' ')} {value:.2f}"
+            if isinstance(value, float)
+            else f"{name} {value}"
+            for name, value in changed.items()
+        )
+        or "nothing"
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,10 +147,26 @@ class State:
 
 
 class Problem:
-    """Prediction less publication, and its slopes, for one number of orders."""
+    """Prediction less publication, and its slopes, for one number of orders and one way to fit."""
 
-    def __init__(self, config: Config, orders: int, published: np.ndarray) -> None:
-        """Compile."""
+    def __init__(
+        self,
+        config: Config,
+        orders: int,
+        published: np.ndarray,
+        weighting: str = "relative",
+        latest_sun_deg: float = 90.0,
+    ) -> None:
+        """Say what is computed; it is compiled where first used.
+
+        Args:
+            config: Of the run.
+            orders: Of scattering.
+            published: x, y and ln Y, [turbidity, sun, direction, quantity].
+            weighting: Of luminance in the fit.
+            latest_sun_deg: Of the suns that the fit sees.
+        """
+        self.orders = orders
         dome, turbidity = af.dome_343(), jnp.asarray(config.turbidity)
         suns = jnp.radians(jnp.asarray(config.suns_deg))
         plan = af.plan_sky(
@@ -126,6 +178,9 @@ class Problem:
             dtype="float64",
         )
 
+        fitted_suns = (np.asarray(config.suns_deg) <= latest_sun_deg).astype(float)
+        weight = np.broadcast_to(fitted_suns[:, None], (turbidity.size, suns.size, dome.shape[0]))
+
         def luminance(at: jax.Array) -> jax.Array:
             def of_air(T: jax.Array) -> jax.Array:
                 field = af.solve_sky(air(T, at), None, plan=plan)
@@ -136,7 +191,10 @@ class Problem:
         def predicted(at: jax.Array) -> jax.Array:
             skies = luminance(at)
             zenith = skies[:, :, 0]
-            fit = af.fit_distribution(dome, suns, turbidity, skies, zenith_value=zenith)
+            fit = af.fit_distribution(
+                dome, suns, turbidity, skies, zenith_value=zenith, weighting=weighting,
+                weight=weight,
+            )  # fmt: skip
             view, azimuth = dome.angles()
             γ = af.scattering_angle(view[None, :], azimuth[None, :], suns[:, None])
             coefficients = fit.coefficients(turbidity)[:, None, None, :]
@@ -144,13 +202,29 @@ class Problem:
             overhead = af.perez(coefficients[:, :, 0], jnp.zeros((1, 1)), suns[None, :])
             return jnp.log(zenith[..., None] * shape / overhead[..., None])
 
+        λ = jnp.arange(380.0, 781.0, 10.0)
+
+        def chromaticities(at: jax.Array) -> jax.Array:
+            def of_air(T: jax.Array) -> jax.Array:
+                field = af.solve_sky(air(T, at), λ, orders=orders, rtol=config.rtol)
+                skies = jax.lax.map(lambda sun: field.radiance(sun, dome), suns)
+                return af.spectrum_to_xyY(skies, λ)[..., :2]
+
+            return jax.lax.map(of_air, turbidity)
+
         self._published = published
         self._value = jax.jit(predicted)
+        self._chromaticities = jax.jit(chromaticities)
         self._slope = jax.jit(lambda at, along: jax.jvp(predicted, (at,), (along,))[1])
 
     def state(self, place: np.ndarray) -> State:
         """The prediction at some factors."""
-        return State(place, np.asarray(self._value(jnp.asarray(place))) - self._published)
+        return State(place, np.asarray(self._value(jnp.asarray(place))) - self._published[..., 2])
+
+    def chromaticity(self, place: np.ndarray) -> dict[str, float]:
+        """Rms difference of simulated and published x, and of y."""
+        off = np.asarray(self._chromaticities(jnp.asarray(place))) - self._published[..., :2]
+        return {"x": _rms(off[..., 0]), "y": _rms(off[..., 1])}
 
     def slopes(self, at: State, which: tuple[int, ...]) -> np.ndarray:
         """Of the difference by some of the factors, [number, which]."""
@@ -207,6 +281,10 @@ def air(turbidity: jax.Array, at: jax.Array) -> af.Atmosphere:
         dataclasses.replace(
             haze,
             optical_depth=haze.optical_depth * factor["optical depth of haze"],
+            phase=ScaledPhase(
+                af.bullrich_phase(),
+                af.Spectrum(λ, factor["phase function of haze"] * jnp.ones(λ.size), smooth=True),
+            ),
             scale_height=haze.scale_height * factor["scale height of haze"],
             angstrom_exponent=haze.angstrom_exponent * factor["exponent of haze"],
             single_scattering_albedo=factor["scattered share of haze"],
@@ -215,13 +293,14 @@ def air(turbidity: jax.Array, at: jax.Array) -> af.Atmosphere:
 
 
 def _published(config: Config) -> np.ndarray:
-    """Ln of the published luminance, [turbidity, sun, direction]."""
+    """Published x, y and ln Y, [turbidity, sun, direction, quantity]."""
     dome = af.dome_343()
     rows = [
-        [np.asarray(af.PREETHAM_1999(T, np.radians(sun), dome))[:, 2] for sun in config.suns_deg]
+        [np.asarray(af.PREETHAM_1999(T, np.radians(sun), dome)) for sun in config.suns_deg]
         for T in config.turbidity
     ]
-    return np.log(np.asarray(rows))
+    xyY = np.asarray(rows)
+    return np.concatenate([xyY[..., :2], np.log(xyY[..., 2:])], axis=-1)
 
 
 def _rms(values: np.ndarray) -> float:

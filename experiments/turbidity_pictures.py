@@ -7,79 +7,71 @@ import numpy as np
 
 from atmofit.files import replace_file
 
-COLOURS = {"simulator": "#1f5fa8", "published (1999)": "#c8553d", "regenerated": "#5a9367"}
+PALETTE = ("#1f5fa8", "#56b4e9", "#c8553d", "#5a9367", "#8c6bb1")
 
 
-def draw_recovery(path: Path, turbidity: np.ndarray, results: dict[str, Any]) -> Path:
-    """Estimates against the truth, and how the simulator's errors compare with their size.
+def draw_study(path: Path, cases: dict[str, dict[str, Any]]) -> Path:
+    """Estimates against the truth: matched, and mismatched with their intervals.
 
     Args:
         path: Of the picture.
-        turbidity: The truth of every sky.
-        results: Values and standard errors of every model by name.
+        cases: Truth, values and standard errors of every case by name.
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    ends = (turbidity.min(), turbidity.max())
-    left.plot(ends, ends, color="#999999", lw=0.8)
-    for name, columns in results.items():
-        left.plot(turbidity, columns["value"], ".", ms=4, color=COLOURS[name], label=name)
-    left.set(xlabel="true turbidity [-]", ylabel="estimated turbidity [-]")
-    left.legend(frameon=False)
-    simulator = results["simulator"]
-    pull = (simulator["value"] - turbidity) / simulator["standard_error"]
-    right.plot(turbidity, pull, ".", ms=4, color=COLOURS["simulator"])
-    for level in (-1.96, 1.96):
-        right.axhline(level, color="#999999", lw=0.8, ls="--")
-    right.set(
-        xlabel="true turbidity [-]",
-        ylabel="error / standard error [-]",
-        title="simulator; dashed: 95 %",
-    )
+    chosen = {
+        "simulator, 1 % noise": "simulator, 81 directions, 1.0%, exposure known",
+        "real air, two orders": "mismatch: two orders, the paper's air, with model error",
+        "real air, ATMOFIT_2026": "mismatch: ATMOFIT_2026, with model error",
+    }
+    figure = Figure(figsize=(11, 3.8), layout="constrained")
+    axes = figure.subplots(1, 3, sharex=True, sharey=True)
+    for ax, (title, name) in zip(axes, chosen.items(), strict=True):
+        truth, value, error = (np.asarray(cases[name][k]) for k in ("truth", "value", "error"))
+        ends = (1.0, 12.0)
+        ax.plot(ends, ends, color="#999999", lw=0.8)
+        bars = 1.96 * np.minimum(error, 5.0)
+        ax.errorbar(truth, value, bars, fmt=".", ms=4, lw=0.6, color="#1f5fa8")
+        ax.set(xlabel="true turbidity [-]", title=title, xscale="log", yscale="log")
+        ax.set(xlim=ends, ylim=ends, xticks=[1, 2, 5, 10], yticks=[1, 2, 5, 10])
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_formatter(lambda x, _: f"{x:g}")
+            axis.set_minor_formatter("")
+    axes[0].set_ylabel("estimated turbidity [-]")
     return replace_file(path, lambda name: figure.savefig(name, dpi=130))
 
 
 def draw_measured(
     path: Path,
-    sun_deg: np.ndarray,
-    may: np.ndarray,
     estimates: dict[str, list[dict[str, Any]]],
-    site: list[float],
+    site: float,
+    station: tuple[float, float],
 ) -> Path:
-    """Estimates of the measured scans, with the intervals scaled by the residual.
+    """Optical depths of the haze in every scan, with their 95 % intervals.
 
     Args:
         path: Of the picture.
-        sun_deg: Solar zenith angle of every scan [degrees].
-        may: Which scans are of May; the others are drawn open.
-        estimates: Of every model by name, one for each scan.
-        site: Least and largest turbidity that the aerosol of the site in May gives.
+        estimates: Of every estimator by name, one for each scan.
+        site: Optical depth that the 2013 comparison took.
+        station: Least and largest of an AERONET station.
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.5, 4), layout="constrained")
-    axes = figure.subplots()
-    axes.axhspan(*site, color="#dddddd", label="aerosol of the site, May")
-    for place, (name, found) in enumerate(estimates.items()):
-        value = np.array([one["value"] for one in found])
-        half = 1.96 * np.array([one["scaled_standard_error"] for one in found])
-        for some, face in ((may, COLOURS[name]), (~may, "white")):
-            axes.errorbar(
-                sun_deg[some] + 0.4 * (place - 1),
-                value[some],
-                half[some],
-                fmt="o",
-                ms=5,
-                color=COLOURS[name],
-                mfc=face,
-                label=name if some is may else None,
-            )
-    axes.set(
-        xlabel="sun from the zenith [°]",
-        ylabel="estimated turbidity [-]",
-        title="bars: 95 %, scaled by the residual; open: September",
+    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    ax = figure.subplots()
+    ax.axhspan(*station, color="#dddddd", lw=0, label="AERONET, 300 km away (May)")
+    ax.axhline(site, color="#777777", ls="--", lw=0.9, label="site, as used in 2013 (May)")
+    for k, (name, scans) in enumerate(estimates.items()):
+        depth = np.array([scan["optical_depth"] for scan in scans])
+        low, high = np.array([scan["interval"] for scan in scans]).T
+        place = np.arange(1, depth.size + 1) + 0.14 * (k - (len(estimates) - 1) / 2)
+        bars = np.stack([depth - low, high - depth])
+        ax.errorbar(place, depth, bars, fmt="o", ms=4, lw=1.1, color=PALETTE[k], label=name)
+    ax.set(
+        xlabel="scan (1 to 8: May 27, 9 and 10: September 24, 2013)",
+        ylabel="haze optical depth at 550 nm [-]",
+        xticks=np.arange(1, 11),
+        ylim=(0, None),
     )
-    axes.legend(frameon=False, fontsize=8)
+    ax.legend(frameon=False, fontsize=7)
     return replace_file(path, lambda name: figure.savefig(name, dpi=130))

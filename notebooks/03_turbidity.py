@@ -80,7 +80,7 @@ regenerated = dataclasses.replace(
 
 # %%
 estimates = {
-    "simulator": af.estimate_turbidity(observation, "simulator", plan=plan),
+    "simulator": af.estimate_turbidity(observation, af.SimulatorModel(plan=plan)),
     "published": af.estimate_turbidity(observation, "preetham"),
     "regenerated": af.estimate_turbidity(observation, regenerated),
 }
@@ -192,7 +192,7 @@ repeats = 6 if FAST else 20
 errors = []
 for again in exact * (1 + noise * random.standard_normal((repeats, *exact.shape))):
     new = dataclasses.replace(observation, values=jnp.asarray(again))
-    errors.append(float(af.estimate_turbidity(new, "simulator", plan=plan).value) - turbidity)
+    errors.append(float(af.estimate_turbidity(new, af.SimulatorModel(plan=plan)).value) - turbidity)
 print(f"rms error of {repeats} estimates with new noise: {np.sqrt(np.mean(np.square(errors))):.5f}")
 
 # %% [markdown]

@@ -2,10 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 
 pytest.importorskip("tyro")
 
+import atmofit as af
 from atmofit.cli import main
 
 SMALL = [
@@ -133,3 +135,52 @@ def test_export_writes_source_code(tmp_path, capsys):
     absent = str(tmp_path / "absent.json")
     assert main(["export", "--to", "c", "--out", "x", "--model", absent]) == 2
     assert "file must exist" in capsys.readouterr().err
+
+
+def test_turbidity_of_a_table_is_reported(tmp_path, capsys):
+    random = np.random.default_rng(5)
+    view, azimuth = (
+        np.tile(np.arange(10.0, 81.0, 10.0), 6),
+        np.repeat(np.arange(0.0, 360.0, 60.0), 8),
+    )
+    directions = af.Directions(np.radians(view), np.radians(azimuth))
+    Y = np.asarray(af.ATMOFIT_2026(2.4, np.radians(40.0), directions))[:, 2]
+    Y = Y * np.exp(0.02 * random.standard_normal(Y.shape))
+    rows = [f"{v:g},{a:g},40,{y:.2f}" for v, a, y in zip(view, azimuth, Y, strict=True)]
+    head = "view_zenith_deg,relative_azimuth_deg,sun_zenith_deg,luminance_cd_m2"
+    (tmp_path / "sky.csv").write_text("\n".join([head, *rows]))
+    out = tmp_path / "out"
+    assert main(["turbidity", str(tmp_path / "sky.csv"), "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "sky: turbidity 2.4" in printed
+    (found,) = json.loads((out / "turbidity.json").read_text())["skies"]
+    low, high = found["turbidity_interval_95"]
+    assert low < 2.4 < high
+    assert found["turbidity"] == pytest.approx(2.4, abs=0.15)  # with the model's own mean errors
+    assert found["haze_optical_depth_550"] == pytest.approx(
+        (found["turbidity"] - 1) * 0.0973, abs=1e-3
+    )
+    assert not found["refused"]
+    page = (out / "report.html").read_text()
+    assert "sky: turbidity" in page
+    assert "data:image/png" in page
+    assert (out / "sky_01.png").stat().st_size > 1e4
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("absent.csv", None, "file must exist"),
+        ("sky.txt", "x", "file must end in .exr, .hdr, .pic"),
+        ("sky.jpg", "x", "a .jpg has been tone-mapped"),
+        ("sky.exr", "x", "file must be a whole OpenEXR image"),
+        ("sky.csv", "a,b\n1,2\n", "solar_zenith_deg must be given|file must have a column"),
+    ],
+)
+def test_turbidity_refuses_bad_files(name, content, message, tmp_path, capsys):
+    path = tmp_path / name
+    if content is not None:
+        path.write_text(content)
+    assert main(["turbidity", str(path), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert any(part in said for part in message.split("|"))

@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from atmofit.extremes import Case, Domain, Span, extremes
-from atmofit.fit.observation import Observation
 from atmofit.fit.parameters import PerezPrior, to_coefficients, to_free
 from atmofit.fit.single_sky import PerezFit, fit_perez
 from atmofit.fit.turbidity import TurbidityEstimate, estimate_turbidity
 from atmofit.fit.zenith import ZenithFit, fit_zenith_chromaticity, fit_zenith_luminance
 from atmofit.geometry import HORIZON, Directions
+from atmofit.observe.observation import Observation
 from atmofit.typing import Reals, Scalar
 
 _VIEWS = (0.0, *(math.radians(z) for z in (30, 30, 60, 60, 60, 80, 80, 80, 90)))
@@ -104,7 +104,7 @@ extremes(
 )(estimate_turbidity)
 extremes(
     call=lambda values, relative_noise: (
-        _observed(values, jnp.ones_like(relative_noise), relative_noise).checked().luminance()
+        _observed(values, jnp.ones_like(relative_noise), relative_noise).checked().noise()
     ),
     values=Span(np.full(10, 1e-12), np.full(10, 1e12)),
     relative_noise=Span(1e-6, 1.0),

@@ -93,7 +93,7 @@ def profiles(
     rise = 2 * (loss - lowest[:, None, None]) / variance[:, None, None]
     rise = jnp.where(ends.converged.reshape(rise.shape), rise, jnp.nan)
     middle = points // 2
-    side = jax.vmap(jax.vmap(_crossing))
+    side = jax.vmap(jax.vmap(crossing))
     return Profile(
         parameter=weakest,
         value=value,
@@ -103,7 +103,7 @@ def profiles(
     )
 
 
-def _crossing(value: Float[Array, " k"], rise: Float[Array, " k"]) -> Scalar:
+def crossing(value: Float[Array, " k"], rise: Float[Array, " k"]) -> Scalar:
     """Where the rise, from its lowest outward, first reaches the threshold; inf: nowhere.
 
     The root of the rise is nearly straight, and so interpolated.

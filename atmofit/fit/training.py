@@ -17,16 +17,11 @@ from atmofit.geometry import Directions, dome_343
 from atmofit.models.dependence import Basis, Dependence
 from atmofit.models.shapes import AUREOLE
 from atmofit.models.sky_model import COLOURS, AnyShape, SkyModel
-from atmofit.optics.air import rayleigh_optical_depth
-from atmofit.optics.atmosphere import Atmosphere, Ground
-from atmofit.optics.gases import Absorber
-from atmofit.optics.haze import Haze
-from atmofit.optics.molecules import Molecules
-from atmofit.optics.phase import HenyeyGreenstein
+from atmofit.optics.atmosphere import Atmosphere
+from atmofit.optics.continental import continental_air
 from atmofit.sky.plan import Plan
 from atmofit.sky.planning import plan_sky
 from atmofit.sky.simulate import solve_sky
-from atmofit.spectrum import Spectrum
 from atmofit.sun import solar_irradiance_spectrum
 from atmofit.typing import Reals, Scalar
 
@@ -38,22 +33,17 @@ _SUNS_AT_ONCE = 4
 class TrainingSettings:
     """All that a training set depends on.
 
-    The haze is the "continental average" of the OPAC collection: its single-scattering albedo and
-    asymmetry at 550 nm and 80 % humidity, and an Angstrom exponent between its two.
+    The air is that of `continental_air`.
 
     Attributes:
         turbidity: Optical depth of air with haze over that of air alone at 550 nm, 1.001 to 64.
         solar_zenith_angle_deg: 0 to 96 [degree].
         albedo: Of a grey ground, 0 to 1.
         wavelength_nm: Of the spectral channels, 350 to 830 [nm].
-        ozone_dobson: Vertical amount of ozone [DU]. Its table is 0 at its ends, 380 and 780 nm,
-            and is continued with 0.
+        ozone_dobson: Vertical amount of ozone [DU].
         angstrom_exponent, single_scattering_albedo, asymmetry: Of the haze.
         rtol: Promised relative error of the simulation; all orders are simulated.
         dtype: Of the simulation; fits are always in float64.
-
-    References:
-        Hess, Koepke and Schult (1998), Bull. Am. Meteorol. Soc. 79, 831, table 4.
     """
 
     turbidity: tuple[float, ...] = (1.2, 1.5, 1.9, 2.5, 3.3, 4.5, 6.5, 10.0)
@@ -92,18 +82,14 @@ class TrainingSettings:
 
     def atmosphere(self, turbidity: Scalar, albedo: Scalar) -> Atmosphere:
         """The air of one turbidity over a ground."""
-        haze = Haze(
-            (turbidity - 1) * rayleigh_optical_depth(550.0),
+        return continental_air(
+            turbidity,
+            albedo,
+            self.ozone_dobson,
             self.angstrom_exponent,
-            single_scattering_albedo=self.single_scattering_albedo,
-            phase=HenyeyGreenstein(self.asymmetry),
+            self.single_scattering_albedo,
+            self.asymmetry,
         )
-        gas = Absorber.ozone(self.ozone_dobson)
-        assert isinstance(gas.optical_depth, Spectrum)
-        nodes = np.concatenate([[349.0], np.arange(380.0, 781.0, 10.0), [831.0]])
-        depth = Spectrum(nodes, jnp.pad(gas.optical_depth.values, 1))
-        ozone = dataclasses.replace(gas, optical_depth=depth)
-        return Atmosphere(Molecules.standard(), haze, (ozone,), Ground(albedo), preset="standard")
 
     def plan(self) -> Plan:
         """How each sky is computed."""

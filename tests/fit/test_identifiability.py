@@ -209,7 +209,7 @@ def test_bad_input():
 
 def test_crossing():
     value = jnp.arange(5.0)
-    crossing = jax.jit(profile_likelihood._crossing)
+    crossing = jax.jit(profile_likelihood.crossing)
     np.testing.assert_allclose(crossing(value, value**2), 3.841459**0.5, rtol=1e-6)
     assert np.isinf(crossing(value, 0.1 * value))
     # Beside a search that failed, the next value outward.

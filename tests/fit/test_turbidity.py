@@ -9,8 +9,8 @@ import pytest
 from small_skies import FEW_NODES
 
 import atmofit as af
-from atmofit.fit.observation import Observation
 from atmofit.fit.turbidity import estimate_turbidity
+from atmofit.observe.observation import Observation
 
 GRID = af.DirectionGrid(np.radians([8.0, 35.0, 62.0, 85.0]), np.radians([0.0, 50.0, 110.0, 180.0]))
 SUN = np.radians(40.0)
@@ -20,7 +20,7 @@ AIR = af.Atmosphere.from_turbidity(2.0)
 PLAN = dataclasses.replace(
     af.plan_sky(AIR, quantity="luminance", orders=1, rtol=5e-2, dtype="float64"), nodes=FEW_NODES
 )
-MODELS = {"preetham": "preetham", "fitted": FITTED, "simulator": "simulator"}
+MODELS = {"preetham": "preetham", "fitted": FITTED, "simulator": af.SimulatorModel(plan=PLAN)}
 
 
 def luminance(name, turbidity, sun=SUN, directions=GRID):
@@ -44,8 +44,6 @@ def observe(values, noise: float | np.ndarray = 0.01, sun=SUN, directions=GRID):
 
 
 def estimate(name, observation, **options):
-    if name == "simulator":
-        options["plan"] = PLAN
     return estimate_turbidity(observation, MODELS[name], **options)
 
 
@@ -164,7 +162,8 @@ def test_a_spectrum_is_integrated_with_its_noise():
         solar_zenith_angle=SUN,
         relative_noise=0.03,
     )
-    found, noise = spectral.luminance()
+    photometric = spectral.to_luminance()
+    found, noise = photometric.values, photometric.relative_noise
     np.testing.assert_allclose(found, Y, rtol=1e-5)  # both are linear between the same nodes
     random = np.random.default_rng(3)
     again = np.asarray(spectral.values[0, 0]) * (
@@ -177,9 +176,9 @@ def test_a_spectrum_is_integrated_with_its_noise():
         solar_zenith_angle=SUN,
         relative_noise=0.03,
     )
-    scatter = np.std(np.asarray(many.luminance()[0])) / Y[0, 0]
+    scatter = np.std(np.asarray(many.to_luminance().values)) / Y[0, 0]
     np.testing.assert_allclose(noise, scatter, rtol=3 / np.sqrt(2 * 4000))
-    assert estimate("preetham", spectral).value == pytest.approx(3.3, abs=1e-4)
+    assert estimate("preetham", photometric).value == pytest.approx(3.3, abs=1e-4)
 
 
 def test_changed_data_compile_nothing():
@@ -210,8 +209,9 @@ def test_single_precision():
     with jax.enable_x64(False):
         grid = af.DirectionGrid(zenith, azimuth)
         for name, plan in plans.items():
+            model = "preetham" if plan is None else af.SimulatorModel(plan=plan)
             found = estimate_turbidity(
-                observe(skies[name], directions=grid), MODELS[name], plan=plan, start=3, scan=False
+                observe(skies[name], directions=grid), model, start=3, scan=False
             )
             assert found.value.dtype == np.float32
             assert found.converged
@@ -263,15 +263,14 @@ def test_bad_observations_are_refused(changes, message):
     ],
 )
 def test_spectra_that_give_no_luminance_are_refused(wavelength_nm, message):
-    observation = Observation(
-        directions=GRID,
-        values=np.ones((*GRID.shape, wavelength_nm.size)),
-        wavelength_nm=wavelength_nm,
-        solar_zenith_angle=SUN,
-        relative_noise=0.01,
-    )
     with pytest.raises(ValueError, match=message):
-        estimate_turbidity(observation)
+        Observation(
+            directions=GRID,
+            values=np.ones((*GRID.shape, wavelength_nm.size)),
+            wavelength_nm=wavelength_nm,
+            solar_zenith_angle=SUN,
+            relative_noise=0.01,
+        ).to_luminance()
 
 
 @pytest.mark.parametrize(
@@ -284,7 +283,10 @@ def test_spectra_that_give_no_luminance_are_refused(wavelength_nm, message):
         ({"start": [2.0, 3.0]}, r"start must be one number, got shape \(2,\)"),
         ({"scan": False}, "start must be given where scan is False, got None"),
         ({"max_steps": 0}, "max_steps must be at least 1, got 0"),
-        ({"model": "simulator", "plan": af.plan_sky(AIR)}, 'plan must be for .* got "spectrum"'),
+        (
+            {"model": af.SimulatorModel(plan=af.plan_sky(AIR, quantity="sun"))},
+            'plan must be for .* got "sun"',
+        ),
     ],
 )
 def test_bad_options_are_refused(options, message):

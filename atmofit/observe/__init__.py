@@ -1,0 +1,1 @@
+"""What was measured of skies: observations, the files that they come from, photographs."""
