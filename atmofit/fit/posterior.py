@@ -1,5 +1,6 @@
 """Intervals that ask more than a parabola at the minimum: profile likelihood and sampling."""
 
+import importlib.util
 from collections.abc import Mapping
 from typing import Any
 
@@ -176,10 +177,8 @@ def sample_turbidity(
     References:
         Hoffman and Gelman (2014), J. Mach. Learn. Res. 15, 1593, for the sampler.
     """
-    try:
-        import blackjax  # noqa: F401
-    except ImportError as error:
-        raise ImportError("sampling needs blackjax: pip install 'atmofit[bayes]'") from error
+    if importlib.util.find_spec("blackjax") is None:
+        raise ImportError("sampling needs blackjax: pip install 'atmofit[bayes]'")
     in_range("chains", chains, 2.0, 64.0)
     in_range("samples", samples, 10.0, 1e6)
     in_range("warmup", warmup, 0.0, 1e6)

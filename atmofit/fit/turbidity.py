@@ -335,7 +335,10 @@ def _worth(
     left = jnp.where(used, log_ratio - explained, 0.0)
     finite = jnp.isfinite(found.loss)
     shape = observation.by_channel.shape
-    seen = lambda values: jnp.where(used, values, jnp.nan).reshape(shape)  # noqa: E731
+
+    def seen(values: Reals) -> Reals:
+        return jnp.where(used, values, jnp.nan).reshape(shape)
+
     weight = (share**2).reshape(shape)[..., 0]
     evenly = (search.high - search.low) / math.sqrt(12)
     width = jnp.where(search.prior_width < jnp.inf, search.prior_width, evenly)
