@@ -30,6 +30,7 @@ from atmofit.fit.posterior import (
     profile_turbidity,
     sample_turbidity,
 )
+from atmofit.fit.problem import Sought, TurbidityProblem, turbidity_problem
 from atmofit.fit.refit import RefitResult, refit
 from atmofit.fit.single_sky import PerezFit, fit_perez
 from atmofit.fit.skies import RefitSettings, simulate_skies
@@ -142,11 +143,13 @@ __all__ = [
     "SkyModel",
     "SkyModelFit",
     "SkySettings",
+    "Sought",
     "Spectrum",
     "TabulatedPhase",
     "TrainedModel",
     "TrainingSettings",
     "TurbidityEstimate",
+    "TurbidityProblem",
     "TurbidityProfile",
     "TurbiditySamples",
     "XYZ_to_linear_sRGB",
@@ -206,5 +209,6 @@ __all__ = [
     "stored_model_error",
     "sun_at",
     "train",
+    "turbidity_problem",
     "xyY_to_XYZ",
 ]

@@ -18,9 +18,11 @@ from atmofit.fit.comparison import compare
 from atmofit.fit.judgement import judge
 from atmofit.fit.pieces import DamagedPieceWarning
 from atmofit.fit.posterior import profile_turbidity
+from atmofit.fit.problem import turbidity_problem
 from atmofit.fit.refit import refit
 from atmofit.fit.skies import RefitSettings, simulate_skies
 from atmofit.fit.training import TrainingSettings, train
+from atmofit.fit.turbidity import estimate_turbidity
 from atmofit.io import (
     output_folder,
     read_coefficients,
@@ -199,21 +201,25 @@ class Turbidity:
         skies = self._photograph() if photograph else self._table()
         model, error = _MODELS[self.model]
         values = {} if self.albedo is None else {"albedo": self.albedo}
+        robust = photograph if self.robust is None else self.robust
         found = []
         for name, observation, notes in skies:
-            options: dict[str, Any] = {
-                "free": ("turbidity", *self.free),
-                "known": values,
-                "model_error": error if self.model_error else None,
-                "robust": photograph if self.robust is None else self.robust,
-                "starts": 3 if photograph else 1,
-            }
-            profile = profile_turbidity(observation, model, **options)
-            second = None
+            seen = [observation]
             if photograph:
                 one_exposure = dataclasses.replace(observation, exposure="unknown")
-                second = profile_turbidity(one_exposure.to_luminance(), model, **options)
-            found.append(judge(name, observation, profile, notes, second))
+                seen.append(one_exposure.to_luminance())
+            profiles = []
+            for one in seen:
+                problem = turbidity_problem(
+                    one,
+                    model,
+                    free=("turbidity", *self.free),
+                    known=values,
+                    model_error=error if self.model_error else None,
+                )
+                best = estimate_turbidity(problem, robust=robust, starts=3 if photograph else 1)
+                profiles.append(profile_turbidity(problem, best))
+            found.append(judge(name, observation, profiles[0], notes, *profiles[1:]))
             print(found[-1].sentence())
             for warning in found[-1].warnings:
                 print(f"  note: {warning}")

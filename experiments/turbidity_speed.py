@@ -81,11 +81,12 @@ def main(config: Config) -> None:
         keep(name, first, hot, f"T {float(found):.3f}")
 
     coarse = af.SimulatorModel("continental", rtol=5e-2, ozone=False, ground=False)
-    free = ("turbidity", "asymmetry")
+    problem = af.turbidity_problem(sky, coarse, free=("turbidity", "asymmetry"))
 
     def sampled(seed: int) -> af.TurbiditySamples:
+        best = af.estimate_turbidity(problem)
         return af.sample_turbidity(
-            sky, coarse, free=free, samples=config.samples, warmup=config.warmup, seed=seed
+            problem, best, samples=config.samples, warmup=config.warmup, seed=seed
         )
 
     begin = time.perf_counter()

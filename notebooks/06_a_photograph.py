@@ -79,9 +79,8 @@ plt.show()
 # %%
 options = {"robust": True, "starts": 2}
 noise_only = af.estimate_turbidity(found.observation, af.ATMOFIT_2026, **options)
-careful = af.profile_turbidity(
-    found.observation, af.ATMOFIT_2026, model_error="atmofit_2026", **options
-)
+problem = af.turbidity_problem(found.observation, af.ATMOFIT_2026, model_error="atmofit_2026")
+careful = af.profile_turbidity(problem, af.estimate_turbidity(problem, **options))
 for name, e in (("noise alone", noise_only), ("with model error", careful.estimate)):
     low, high = np.asarray(e.interval)
     print(f"{name:<17} T = {e.value:.3f}, 95 %: {low:.3f} to {high:.3f}", end="; ")

@@ -1,7 +1,6 @@
 """Intervals that ask more than a parabola at the minimum: profile likelihood and sampling."""
 
 import importlib.util
-from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -12,18 +11,12 @@ from jaxtyping import Array, Float, Int
 
 from atmofit.checks import in_range
 from atmofit.fit import few_parameters
-from atmofit.fit.candidates import Model, Sky
-from atmofit.fit.model_error import ModelError
+from atmofit.fit.candidates import Sky
+from atmofit.fit.problem import TurbidityProblem
 from atmofit.fit.profile_likelihood import crossing
 from atmofit.fit.sky_loss import SkyLoss
-from atmofit.fit.turbidity import (
-    MAX_STEPS,
-    TurbidityEstimate,
-    estimate_turbidity,
-    turbidity_problem,
-)
-from atmofit.observe.observation import Observation
-from atmofit.typing import Reals, RealsLike, Scalar
+from atmofit.fit.turbidity import MAX_STEPS, TurbidityEstimate
+from atmofit.typing import Reals, Scalar
 
 _REACH = 4.0  # standard errors on both sides of the best turbidity
 _LEAST_REACH = 0.02  # of the range in x, should the standard error be tiny
@@ -78,45 +71,25 @@ class TurbiditySamples(eqx.Module):
 
 
 def profile_turbidity(
-    observation: Observation,
-    model: Model = "preetham",
+    problem: TurbidityProblem,
+    estimate: TurbidityEstimate,
     *,
-    free: tuple[str, ...] = ("turbidity",),
-    known: Mapping[str, RealsLike] | None = None,
-    prior: Mapping[str, tuple[float, float]] | None = None,
-    turbidity_range: tuple[float, float] | None = None,
-    model_error: ModelError | str | None = None,
-    robust: bool = False,
-    starts: int = 1,
     points: int = 17,
     max_steps: int = MAX_STEPS,
 ) -> TurbidityProfile:
-    """Profile likelihood of turbidity; arguments as of `estimate_turbidity`.
+    """Profile likelihood of turbidity.
 
     Args:
-        observation: As there, like the next nine.
-        model: Of the sky.
-        free: Unknowns.
-        known: Values of the others.
-        prior: Of free unknowns.
-        turbidity_range: Searched.
-        model_error: Of the model.
-        robust: Whether outliers count less; with the weights of the best fit.
-        starts: Searches for the best fit.
+        problem: What was searched.
+        estimate: Its best fit, whose weights are kept if it was robust.
         points: At which turbidity is held, an odd number from 5. Static.
-        max_steps: Of each search.
+        max_steps: Of the search at each point. Static.
 
     Raises:
-        ValueError: As `estimate_turbidity`.
+        ValueError: Too few points, or an estimate of other unknowns.
     """
     in_range("points", points, 5.0, 1e3)
-    best = estimate_turbidity(
-        observation, model, free=free, known=known, prior=prior, turbidity_range=turbidity_range,
-        model_error=model_error, robust=robust, starts=starts, max_steps=max_steps,
-    )  # fmt: skip
-    problem = turbidity_problem(
-        observation, model, free, known, prior, turbidity_range, model_error
-    )
+    best = _of_problem(problem, estimate)
     turbidity, rise = _profile(
         problem.sky, problem.loss, best.parameters, best.standard_error, best.weight, points,
         max_steps,
@@ -132,22 +105,15 @@ def profile_turbidity(
 
 
 def sample_turbidity(
-    observation: Observation,
-    model: Model = "preetham",
+    problem: TurbidityProblem,
+    estimate: TurbidityEstimate,
     *,
-    free: tuple[str, ...] = ("turbidity",),
-    known: Mapping[str, RealsLike] | None = None,
-    prior: Mapping[str, tuple[float, float]] | None = None,
-    turbidity_range: tuple[float, float] | None = None,
-    model_error: ModelError | str | None = None,
-    robust: bool = False,
-    starts: int = 1,
     chains: int = 2,
     samples: int = 500,
     warmup: int = 50,
     seed: int = 0,
 ) -> TurbiditySamples:
-    """Sample the posterior with the no-U-turn sampler; arguments as of `estimate_turbidity`.
+    """Sample the posterior with the no-U-turn sampler.
 
     The density is that of the normal noise, with model error and exposures integrated out; before
     the sky was looked at, every unknown without a prior was spread evenly over its range, in
@@ -156,22 +122,15 @@ def sample_turbidity(
     model.
 
     Args:
-        observation: As there, like the next eight.
-        model: Of the sky.
-        free: Unknowns.
-        known: Values of the others.
-        prior: Of free unknowns.
-        turbidity_range: Searched.
-        model_error: Of the model.
-        robust: Whether outliers count less; with the weights of the best fit.
-        starts: Searches for the best fit.
+        problem: What was searched.
+        estimate: Its best fit, whose weights are kept if it was robust.
         chains: Independent ones, at least 2. Static.
         samples: Of each chain. Static.
         warmup: Draws before them, in which the start is forgotten. Static.
         seed: Of the draws.
 
     Raises:
-        ValueError: As `estimate_turbidity`.
+        ValueError: A count out of range, or an estimate of other unknowns.
         ImportError: blackjax is not installed (`pip install 'atmofit[bayes]'`).
 
     References:
@@ -182,13 +141,7 @@ def sample_turbidity(
     in_range("chains", chains, 2.0, 64.0)
     in_range("samples", samples, 10.0, 1e6)
     in_range("warmup", warmup, 0.0, 1e6)
-    best = estimate_turbidity(
-        observation, model, free=free, known=known, prior=prior, turbidity_range=turbidity_range,
-        model_error=model_error, robust=robust, starts=starts,
-    )  # fmt: skip
-    problem = turbidity_problem(
-        observation, model, free, known, prior, turbidity_range, model_error
-    )
+    best = _of_problem(problem, estimate)
     values, divergent, gradients = _sample(
         problem.sky, problem.loss, best.parameters, best.weight, jax.random.key(seed), chains,
         samples, warmup,
@@ -203,6 +156,15 @@ def sample_turbidity(
         estimate=best,
         names=best.names,
     )
+
+
+def _of_problem(problem: TurbidityProblem, estimate: TurbidityEstimate) -> TurbidityEstimate:
+    """The estimate, if it is of the problem's unknowns and directions."""
+    asked = (problem.loss.search.names, problem.loss.observation.directions.shape)
+    given = (estimate.names, estimate.weight.shape)
+    if asked != given:
+        raise ValueError(f"estimate must be of the problem's {asked}, got one of {given}")
+    return estimate
 
 
 def log_posterior(

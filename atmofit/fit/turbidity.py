@@ -1,8 +1,7 @@
 """Turbidity, and what else a sky tells of the air, from a measured sky."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, Unpack
 
 import equinox as eqx
 import jax
@@ -12,13 +11,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from atmofit.checks import in_range
 from atmofit.fit import few_parameters
-from atmofit.fit.candidates import AnalyticSky, Model, Sky, name_of, skies
+from atmofit.fit.candidates import AnalyticSky, Model, Sky
 from atmofit.fit.few_parameters import Valley
-from atmofit.fit.model_error import ModelError, stored_model_error
-from atmofit.fit.sky_loss import SkyLoss, sky_loss
-from atmofit.fit.unknowns import Search, make_search
+from atmofit.fit.problem import Sought, TurbidityProblem, turbidity_problem
+from atmofit.fit.sky_loss import SkyLoss
+from atmofit.fit.unknowns import Search
 from atmofit.observe.observation import Observation
-from atmofit.typing import Reals, RealsLike, Scalar
+from atmofit.typing import Reals, Scalar
 
 MAX_STEPS = 40
 _TWO_SIDED_95 = 1.959964  # of the normal distribution
@@ -46,6 +45,8 @@ class TurbidityEstimate(eqx.Module):
         rms: Root mean square of ln(model / measured), exposure and model error taken out.
         log_ratio: Logarithm of model over measured, [direction axes, channel]; NaN where masked.
         explained: What of it exposure and model error explain, likewise.
+        predicted_spread: Standard deviation, as the posterior has it, of another measurement's
+            log_ratio - explained: of noise, model error and all unknowns together, likewise.
         weight: Of each direction, 1 unless robust, [direction axes]; near 0: an outlier.
         converged: Whether the search ended at a minimum, in the range or at its end.
         at_edge: Whether turbidity's minimum lies at an end of the range or beyond; the true one may
@@ -69,6 +70,7 @@ class TurbidityEstimate(eqx.Module):
     rms: Float[Array, ""]
     log_ratio: Float[Array, "*direction channel"]
     explained: Float[Array, "*direction channel"]
+    predicted_spread: Float[Array, "*direction channel"]
     weight: Float[Array, "*direction"]
     converged: Bool[Array, ""]
     at_edge: Bool[Array, ""]
@@ -93,6 +95,11 @@ class TurbidityEstimate(eqx.Module):
         return jnp.sqrt(jnp.diagonal(self.covariance))
 
     @property
+    def standardised(self) -> Float[Array, "*direction channel"]:
+        """What is left, in units of the predicted spread: far beyond 3, the model misses it."""
+        return (self.log_ratio - self.explained) / self.predicted_spread
+
+    @property
     def untold(self) -> tuple[str, ...]:
         """Unknowns of which the sky told hardly anything beyond what was known before."""
         share = np.asarray(self.standard_errors / self.known_before)
@@ -113,19 +120,14 @@ class TurbidityEstimate(eqx.Module):
 
 
 def estimate_turbidity(
-    observation: Observation,
+    sky: Observation | TurbidityProblem,
     model: Model = "preetham",
     *,
-    free: tuple[str, ...] = ("turbidity",),
-    known: Mapping[str, RealsLike] | None = None,
-    prior: Mapping[str, tuple[float, float]] | None = None,
-    turbidity_range: tuple[float, float] | None = None,
-    model_error: ModelError | str | None = None,
     robust: bool = False,
-    start: RealsLike | None = None,
     starts: int = 1,
     scan: bool = True,
     max_steps: int = MAX_STEPS,
+    **sought: Unpack[Sought],
 ) -> TurbidityEstimate:
     """Estimate turbidity, and other unknowns, from one sky.
 
@@ -135,44 +137,32 @@ def estimate_turbidity(
     turbidity chooses where the search begins. Works under vmap over a stack of observations.
 
     Args:
-        observation: Luminances, colours or spectra; unknown exposures are found with the rest.
-        model: "preetham", the published model of 1999; "simulator", `SimulatorModel()`: two orders
-            of scattering in the paper's air; a `SimulatorModel`; or a fitted model such as
-            `refit().model` or `ATMOFIT_2026`.
-        free: Unknowns to search for beside turbidity, of those that the model has: for the
-            continental air "angstrom_exponent", "single_scattering_albedo", "asymmetry",
-            "scale_height" [m], "ozone_dobson", "albedo"; for a `SkyModel` "albedo"; for all
-            "solar_zenith_angle" and "solar_azimuth" [rad], the sun's place relative to where the
-            directions have it. Static.
-        known: Values of the model's other unknowns by name, and starts of the free ones.
-        prior: Mean and standard deviation of free unknowns, by name. Static.
-        turbidity_range: Searched; inside the model's own range. None: all of it, 1 to 30 for the
-            simulator. Static.
-        model_error: What the model misses of real skies: a `ModelError`, or a name of
-            `stored_model_error`. None: nothing; the interval then holds noise alone.
+        sky: An observation, of which `turbidity_problem` makes a problem with `model` and `sought`;
+            or a problem, which has them already.
+        model: Of the sky, as there.
         robust: Directions that no smooth sky explains (clouds, masts) count less. Static.
-        start: Candidate for the beginning of the search beside the scan; brought inside the range.
         starts: Searches, from the deepest valleys of the scan; the best end is kept. Static.
         scan: False: search from `start` alone, which may end in another minimum. Static.
         max_steps: Steps allowed. Static.
+        **sought: free, known, prior, turbidity_range, model_error and start, see `Sought`.
 
     Returns:
         The estimate; nothing is raised if the search fails, see `converged`. NaN where a traced
         argument is out of range.
 
     Raises:
-        ValueError: Impossible observation, unknown model or name, or a range outside the model's.
-
-    References:
-        Preetham, Shirley and Smits (1999), Computer Graphics Proceedings, for turbidity and model.
+        ValueError: As `turbidity_problem`; no start without a scan.
     """
-    problem = turbidity_problem(
-        observation, model, free, known, prior, turbidity_range, model_error, start
-    )
+    if isinstance(sky, TurbidityProblem):
+        if sought:
+            raise ValueError(f"{', '.join(sought)} must be given where the problem is made")
+        problem = sky
+    else:
+        problem = turbidity_problem(sky, model, **sought)
     if max_steps < 1:
         raise ValueError(f"max_steps must be at least 1, got {max_steps}")
     in_range("starts", starts, 1.0, 32.0)
-    if start is None and not scan:
+    if not (problem.has_start or scan):
         raise ValueError("start must be given where scan is False, got None")
     numbers = _estimate(
         problem.sky,
@@ -185,74 +175,9 @@ def estimate_turbidity(
     return TurbidityEstimate(
         **numbers,
         names=problem.loss.search.names,
-        model=name_of(model),
+        model=problem.model,
         turbidity_range=problem.limits,
     )
-
-
-class TurbidityProblem(eqx.Module):
-    """What is searched, and in what.
-
-    Attributes:
-        sky: The model.
-        coarse: What stands for it in a scan.
-        loss: The data and the unknowns.
-        limits: Of turbidity. Static.
-    """
-
-    sky: Sky
-    coarse: Sky
-    loss: SkyLoss
-    limits: tuple[float, float] = eqx.field(static=True)
-
-
-def turbidity_problem(
-    observation: Observation,
-    model: Model,
-    free: tuple[str, ...],
-    known: Mapping[str, RealsLike] | None,
-    prior: Mapping[str, tuple[float, float]] | None,
-    turbidity_range: tuple[float, float] | None,
-    model_error: ModelError | str | None,
-    start: RealsLike | None = None,
-) -> TurbidityProblem:
-    """Check the arguments of `estimate_turbidity`, and put the problem together."""
-    dtype = jnp.result_type(float)
-    observation = jax.tree.map(
-        lambda leaf: leaf if leaf.dtype == bool else leaf.astype(dtype), observation.checked()
-    )
-    sky, coarse = skies(model, observation)
-    limits = _limits(turbidity_range, sky.ranges["turbidity"])
-    first = math.sqrt(limits[0] * limits[1]) if start is None else start
-    first = in_range("start", first, -np.inf, np.inf)
-    if first.ndim != 0:
-        raise ValueError(f"start must be one number, got shape {first.shape}")
-    values = dict(known or {})
-    if "turbidity" in values:
-        raise ValueError("known must not hold turbidity, which is searched for: use start")
-    values |= {"turbidity": jnp.clip(first, *limits)}
-    values = {"solar_zenith_angle": observation.solar_zenith_angle} | values
-    search = make_search(
-        tuple(free),
-        sky.unknowns,
-        ranges=sky.ranges | {"turbidity": limits},
-        values=values,
-        priors=dict(prior or {}),
-        dtype=dtype,
-    )
-    error = stored_model_error(model_error) if isinstance(model_error, str) else model_error
-    return TurbidityProblem(sky, coarse, sky_loss(observation, search, error), limits)
-
-
-def _limits(asked: tuple[float, float] | None, valid: tuple[float, float]) -> tuple[float, float]:
-    """The range that is searched."""
-    low, high = valid if asked is None else (float(asked[0]), float(asked[1]))
-    if not valid[0] <= low < high <= valid[1]:
-        raise ValueError(
-            f"turbidity_range must increase inside the model's {valid[0]:g} to {valid[1]:g}, "
-            f"got ({low:g}, {high:g})"
-        )
-    return low, high
 
 
 @eqx.filter_jit
@@ -327,11 +252,16 @@ def _worth(
     # Turbidity is left to the data alone; what else is searched for has its range for a prior.
     beyond = jnp.where(informed | (jnp.arange(value.size) == 0), 0.0, _UNIFORM)
     information = found.slope.T @ found.slope + jnp.diag(beyond)
-    covariance = _inverse(information) * slope[:, None] * slope[None, :]
+    inverse = _inverse(information)
+    covariance = inverse * slope[:, None] * slope[None, :]
+    by_value = found.slope[: log_ratio.size]
+    leverage = jnp.sum((by_value @ inverse) * by_value, axis=1)
     explained = jnp.zeros_like(log_ratio)
     if loss.design.shape[1]:
         explained = loss.design @ loss.linear(found.place, log_ratio, share)
+        leverage += jnp.sum(loss.projection(share)[0][: log_ratio.size] ** 2, axis=1)
     used = loss.precision > 0
+    noise = 1 / jnp.where(used, loss.precision, 1.0)
     left = jnp.where(used, log_ratio - explained, 0.0)
     finite = jnp.isfinite(found.loss)
     shape = observation.by_channel.shape
@@ -351,6 +281,7 @@ def _worth(
         "rms": jnp.sqrt(jnp.sum(left**2) / jnp.sum(used).astype(left.dtype)),
         "log_ratio": seen(log_ratio),
         "explained": seen(explained),
+        "predicted_spread": seen(noise * jnp.sqrt(1 + leverage / share**2)),
         "weight": jnp.where(observation.used, weight, 0.0),
         "at_edge": found.at_end[0],
         "at_edges": found.at_end,

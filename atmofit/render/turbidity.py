@@ -17,8 +17,10 @@ if TYPE_CHECKING:
 
 _THRESHOLD = 3.84  # of the rise of the loss, at the ends of the 95 % interval
 _CAPTION = (
-    "Measured sky, model at its best, and what is left, in each direction that was used; zenith in "
-    "the middle, circles at 30°, 60° and the horizon, sun at the top (orange ring). Right: rise of "
+    "Measured sky, model at its best, and what is left, in percent and in standard deviations of "
+    "what the posterior predicts for a measurement (noise, model error and unknowns together), in "
+    "each direction that was used; zenith in the middle, circles at 30°, 60° and the horizon, sun "
+    "at the top (orange ring). Right: rise of "
     "the sum of squares against turbidity with all other unknowns at their best; dotted the "
     "parabola of the standard error; grey the 95 % interval, widened where residuals ask for it."
 )
@@ -80,7 +82,7 @@ def report_page(found: Sequence[Judgement], pictures: Sequence[bytes]) -> str:
 
 
 def estimate_picture(judgement: Judgement) -> "Figure":
-    """Three domes and the profile."""
+    """Four domes and the profile."""
     estimate, observation = judgement.profile.estimate, judgement.observation
     channel = _middle_channel(judgement)
     log_ratio = np.asarray(estimate.log_ratio)[..., channel].ravel()
@@ -89,25 +91,30 @@ def estimate_picture(judgement: Judgement) -> "Figure":
     view, azimuth = (np.asarray(a).ravel()[seen] for a in observation.directions.angles())
     measured = np.log10(np.asarray(observation.by_channel)[..., channel].ravel()[seen])
     left = (log_ratio - explained)[seen]
+    standardised = np.asarray(estimate.standardised)[..., channel].ravel()[seen]
     model = measured + left / np.log(10)
     values = dict(zip(estimate.names, np.asarray(estimate.parameters), strict=True))
     sun = (
         float(values.get("solar_zenith_angle", observation.solar_zenith_angle)),
         float(values.get("solar_azimuth", 0.0)),
     )
-    figure = new_figure(11.0, 3.1)
-    axes = figure.subplots(1, 4, width_ratios=[1, 1, 1, 1.15])
+    figure = new_figure(13.0, 3.1)
+    axes = figure.subplots(1, 5, width_ratios=[1, 1, 1, 1, 1.15])
     limits = {"vmin": float(measured.min()), "vmax": float(measured.max())}
     name = observation.channel_names[channel]
     for ax, shown, title in ((axes[0], measured, "measured"), (axes[1], model, "model")):
         points = _dome(ax, view, azimuth, shown, sun, cmap="cividis", **limits)
         ax.set_title(f"{title}: log₁₀ {name}")
         figure.colorbar(points, ax=ax, shrink=0.7)
-    size = max(1.0, float(np.percentile(np.abs(100 * left), 98)))
-    points = _dome(axes[2], view, azimuth, 100 * left, sun, cmap="RdBu_r", vmin=-size, vmax=size)
-    axes[2].set_title("ln(model / measured) [%]")
-    figure.colorbar(points, ax=axes[2], shrink=0.7)
-    _profile(axes[3], judgement)
+    for ax, shown, title in (
+        (axes[2], 100 * left, "ln(model / measured) [%]"),
+        (axes[3], standardised, "the same [predicted σ]"),
+    ):
+        size = max(1.0, float(np.percentile(np.abs(shown), 98)))
+        points = _dome(ax, view, azimuth, shown, sun, cmap="RdBu_r", vmin=-size, vmax=size)
+        ax.set_title(title)
+        figure.colorbar(points, ax=ax, shrink=0.7)
+    _profile(axes[4], judgement)
     return figure
 
 

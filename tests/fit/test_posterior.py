@@ -18,13 +18,17 @@ SKY = af.Observation(DIRECTIONS, SEEN, SUN, 0.01)
 FREE = ("turbidity", "albedo")
 
 
+PROBLEM = af.turbidity_problem(SKY, MODEL, free=FREE)
+BEST = af.estimate_turbidity(PROBLEM)
+
+
 @pytest.fixture(scope="module")
 def samples():
-    return af.sample_turbidity(SKY, MODEL, free=FREE, samples=600, warmup=100)
+    return af.sample_turbidity(PROBLEM, BEST, samples=600, warmup=100)
 
 
 def test_profile_is_the_parabola_of_a_good_sky():
-    found = af.profile_turbidity(SKY, MODEL, free=FREE)
+    found = af.profile_turbidity(PROBLEM, BEST)
     best = found.estimate
     distance = (np.asarray(found.turbidity) - float(best.value)) / float(best.standard_error)
     # Narrow against the range, so the loss is nearly a parabola: third order within 3 %.
@@ -33,7 +37,8 @@ def test_profile_is_the_parabola_of_a_good_sky():
 
 
 def test_profile_of_turbidity_alone_follows_the_loss():
-    found = af.profile_turbidity(SKY, MODEL, known={"albedo": 0.3}, points=9)
+    alone = af.turbidity_problem(SKY, MODEL, known={"albedo": 0.3})
+    found = af.profile_turbidity(alone, af.estimate_turbidity(alone), points=9)
     assert found.turbidity.shape == (9,)
     assert found.rise[4] == pytest.approx(0.0, abs=1e-6)
     assert found.lower < 3.0 < found.upper
@@ -41,7 +46,8 @@ def test_profile_of_turbidity_alone_follows_the_loss():
 
 def test_a_profile_that_ends_with_the_range_is_open():
     bright = af.Observation(DIRECTIONS, SEEN, SUN, 0.3, exposure="unknown")
-    found = af.profile_turbidity(bright, MODEL, turbidity_range=(2.9, 3.1))
+    narrow = af.turbidity_problem(bright, MODEL, turbidity_range=(2.9, 3.1))
+    found = af.profile_turbidity(narrow, af.estimate_turbidity(narrow))
     assert found.lower == -np.inf
     assert found.upper == np.inf
 
@@ -74,21 +80,24 @@ def test_intervals_hold_their_share(samples):
 
 def test_slopes_of_the_density_are_those_of_differences():
     from atmofit.fit.posterior import log_posterior
-    from atmofit.fit.turbidity import turbidity_problem
 
-    problem = turbidity_problem(SKY, MODEL, ("turbidity", "albedo"), {}, {}, None, None)
-    share = jnp.ones_like(problem.loss.precision)
+    share = jnp.ones_like(PROBLEM.loss.precision)
     u, h = jnp.asarray([-0.2, 0.4]), 1e-5
-    _, slope, _ = log_posterior(problem.sky, problem.loss, share, u)
+    _, slope, _ = log_posterior(PROBLEM.sky, PROBLEM.loss, share, u)
     for k in range(2):
         ends = [
-            log_posterior(problem.sky, problem.loss, share, u.at[k].add(s * h))[0] for s in (1, -1)
+            log_posterior(PROBLEM.sky, PROBLEM.loss, share, u.at[k].add(s * h))[0] for s in (1, -1)
         ]
         np.testing.assert_allclose(slope[k], (ends[0] - ends[1]) / (2 * h), rtol=1e-5)
 
 
 def test_bad_requests_are_refused():
     with pytest.raises(ValueError, match="points must be between 5"):
-        af.profile_turbidity(SKY, MODEL, points=3)
+        af.profile_turbidity(PROBLEM, BEST, points=3)
     with pytest.raises(ValueError, match="chains must be between 2 and 64, got 1"):
-        af.sample_turbidity(SKY, MODEL, chains=1)
+        af.sample_turbidity(PROBLEM, BEST, chains=1)
+    with pytest.raises(ValueError, match="free must be given where the problem is made"):
+        af.estimate_turbidity(PROBLEM, free=FREE)
+    alone = af.turbidity_problem(SKY, MODEL)
+    with pytest.raises(ValueError, match=r"estimate must be of the problem's .* got one of"):
+        af.profile_turbidity(alone, BEST)

@@ -6,7 +6,6 @@ import pytest
 
 import atmofit as af
 from atmofit.fit.model_error import PATTERNS, amplitudes_design, features, patterns
-from atmofit.fit.turbidity import turbidity_problem
 
 GRID = af.DirectionGrid(np.radians([8.0, 35.0, 62.0, 85.0]), np.radians([0.0, 50.0, 110.0, 180.0]))
 SUN = 0.7
@@ -24,7 +23,7 @@ def observe(channels="XYZ", exposure="known", mask: bool | np.ndarray = True, mo
 
 
 def problem_of(observation, error):
-    found = turbidity_problem(observation, "preetham", ("turbidity",), {}, {}, None, error)
+    found = af.turbidity_problem(observation, model_error=error)
     return found.sky, found.loss
 
 

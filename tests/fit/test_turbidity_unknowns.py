@@ -173,3 +173,31 @@ def test_structure_is_checked():
         af.estimate_turbidity(spectra, MODEL)
     with pytest.raises(ValueError, match="sensitivity must hold 2 values"):
         af.Camera((400.0, 500.0), ((1.0,),))
+
+
+@pytest.mark.parametrize("exposure", ["known", "each channel"])
+def test_predicted_spread_is_that_of_the_linear_posterior(exposure):
+    error = af.ModelError.of_size(0.05, 0.02, 0.0)
+    problem = af.turbidity_problem(
+        observe(exposure=exposure), MODEL, free=("turbidity", "albedo"), model_error=error
+    )
+    found = af.estimate_turbidity(problem)
+    loss, place = problem.loss, problem.loss.search.place(found.parameters)
+    h = 1e-5
+    slopes = [
+        (loss.log_ratio(problem.sky, place + step) - loss.log_ratio(problem.sky, place - step))
+        / (2 * h)
+        for step in h * np.eye(2)
+    ]
+    # The dense normal equations of all unknowns; 3 is one over the variance of an even spread.
+    rows = np.column_stack([*slopes, loss.design])
+    weight = np.asarray(loss.precision) ** 2
+    information = rows.T @ (weight[:, None] * rows)
+    information += np.diag([0.0, 3.0, *np.asarray(loss.informed)])
+    variance = 1 / weight + np.sum(rows * np.linalg.solve(information, rows.T).T, axis=1)
+    # Forward derivatives against central differences of step 1e-5: 1e-9 of the slopes.
+    np.testing.assert_allclose(
+        np.asarray(found.predicted_spread).ravel(), np.sqrt(variance), rtol=1e-6
+    )
+    # Of as many numbers with one degree of freedom each, six standard deviations.
+    assert np.nanstd(found.standardised) == pytest.approx(1.0, abs=6 / np.sqrt(2 * 135))
