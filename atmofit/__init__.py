@@ -40,13 +40,34 @@ from atmofit.fit.turbidity import TurbidityEstimate, estimate_turbidity
 from atmofit.fit.zenith import ZenithFit, fit_zenith_chromaticity, fit_zenith_luminance
 from atmofit.geometry import DirectionGrid, Directions, dome_343, scattering_angle
 from atmofit.io import read_coefficients, read_sky_model
-from atmofit.models.cie import CIEShape, cie_general_sky
+from atmofit.media.baselines import DepthFog, WardLarson, fit_depth_fog, fit_ward_larson
+from atmofit.media.light_around import LightAround, light_around
+from atmofit.media.low_air import LowAir, low_air
+from atmofit.media.path_plan import PathPlan
+from atmofit.media.path_planning import plan_path
+from atmofit.media.transfer import Path, PathTransfer, path_transfer
+from atmofit.models.cie import CIEShape, cie_clear_sky, cie_general_sky, cie_overcast_sky
+from atmofit.models.daylight import DaylightSpectrum, daylight_spectrum
 from atmofit.models.dependence import Basis, Dependence
+from atmofit.models.overcast import hazy_sky_xyY
 from atmofit.models.perez import perez
 from atmofit.models.preetham import PREETHAM_1999, PreethamModel
 from atmofit.models.shapes import AUREOLE, EXTENDED, PEREZ, Shape
 from atmofit.models.sky_model import SkyModel
 from atmofit.models.stored import ATMOFIT_2026
+from atmofit.models.sunlight import (
+    SunTransmittance,
+    direct_sun_radiance,
+    direct_sun_xyY,
+    optical_mass,
+    sun_transmittance,
+)
+from atmofit.models.visibility import (
+    angstrom_beta,
+    meteorological_range,
+    turbidity_from_range,
+    turbidity_of,
+)
 from atmofit.observe.channels import Camera
 from atmofit.observe.images import Photograph, read_photograph
 from atmofit.observe.observation import Observation
@@ -109,8 +130,10 @@ __all__ = [
     "CIEShape",
     "Camera",
     "CornetteShanks",
+    "DaylightSpectrum",
     "DensityProfile",
     "Dependence",
+    "DepthFog",
     "DirectionGrid",
     "Directions",
     "DistributionFit",
@@ -121,10 +144,15 @@ __all__ = [
     "Haze",
     "HenyeyGreenstein",
     "Identifiability",
+    "LightAround",
+    "LowAir",
     "MieOptics",
     "ModelError",
     "Molecules",
     "Observation",
+    "Path",
+    "PathPlan",
+    "PathTransfer",
     "PerezFit",
     "PerezPrior",
     "PhaseFunction",
@@ -145,6 +173,7 @@ __all__ = [
     "SkySettings",
     "Sought",
     "Spectrum",
+    "SunTransmittance",
     "TabulatedPhase",
     "TrainedModel",
     "TrainingSettings",
@@ -152,34 +181,50 @@ __all__ = [
     "TurbidityProblem",
     "TurbidityProfile",
     "TurbiditySamples",
+    "WardLarson",
     "XYZ_to_linear_sRGB",
     "XYZ_to_xyY",
     "ZenithFit",
     "air_depolarisation",
     "air_refractivity",
+    "angstrom_beta",
     "bullrich_phase",
+    "cie_clear_sky",
     "cie_general_sky",
+    "cie_overcast_sky",
     "compare",
     "continental_air",
+    "daylight_spectrum",
     "debug_checks",
+    "direct_sun_radiance",
+    "direct_sun_xyY",
     "dome_343",
     "estimate_turbidity",
+    "fit_depth_fog",
     "fit_distribution",
     "fit_perez",
     "fit_sky_model",
+    "fit_ward_larson",
     "fit_zenith_chromaticity",
     "fit_zenith_luminance",
+    "hazy_sky_xyY",
     "identify_distribution",
     "identify_perez",
     "identify_zenith",
     "junge_sizes",
     "king_factor",
+    "light_around",
     "linear_sRGB_to_sRGB",
     "lognormal_sizes",
+    "low_air",
+    "meteorological_range",
     "mie_haze",
     "mie_optics",
     "modified_gamma_sizes",
+    "optical_mass",
+    "path_transfer",
     "perez",
+    "plan_path",
     "plan_sky",
     "profile_turbidity",
     "rayleigh_cross_section",
@@ -208,7 +253,10 @@ __all__ = [
     "standard_temperature",
     "stored_model_error",
     "sun_at",
+    "sun_transmittance",
     "train",
+    "turbidity_from_range",
+    "turbidity_of",
     "turbidity_problem",
     "xyY_to_XYZ",
 ]

@@ -14,6 +14,7 @@ from atmofit.typing import Reals
 
 _ASYMPTOTIC_FROM = 8.0  # the scaled error function's series is exact to rounding from here
 _SQRT_PI = math.sqrt(math.pi)
+_SERIES_TO, _SERIES_TERMS = 0.5, 14  # of the mean decay, whose terms are then below 1e-16
 
 
 @extremes(
@@ -75,6 +76,25 @@ def _quotient_slope(values: tuple[Any, Any], slopes: tuple[Any, Any]) -> tuple[A
     """JAX's own rule squares the denominator, which turns 0 over a tiny number into NaN."""
     quotient = values[0] / values[1]
     return quotient, (slopes[0] - quotient * slopes[1]) / values[1]
+
+
+@extremes(
+    Case("zero", {"x": 0.0}, limit=1.0, slope={"x": -0.5}),
+    Case("one", {"x": 1.0}, limit=1 - math.exp(-1), slope={"x": 2 / math.e - 1}),
+    Case("far", {"x": 1e30}, limit=1e-30),
+    Case("growing", {"x": -60.0}, limit=math.expm1(60.0) / 60),
+    x=Span(-60.0, 1e30),
+)
+def mean_decay(x: Reals) -> Reals:
+    """Mean of exp(-t) over t from 0 to x, (1 - exp(-x)) / x, for x of at least -60."""
+    near = jnp.abs(x) < _SERIES_TO
+    series = jnp.zeros_like(x)
+    small = jnp.where(near, x, 0.0)
+    for k in reversed(range(_SERIES_TERMS)):
+        series = series * small + (-1) ** k / math.factorial(k + 1)
+    far = jnp.where(near, 1.0, x)
+    # Nothing cancels there, and exp is quicker than expm1.
+    return jnp.where(near, series, _quotient(1 - jnp.exp(-far), far))
 
 
 @extremes(

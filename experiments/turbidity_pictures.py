@@ -11,7 +11,9 @@ PALETTE = ("#1f5fa8", "#56b4e9", "#c8553d", "#5a9367", "#8c6bb1")
 
 
 def draw_study(path: Path, cases: dict[str, dict[str, Any]]) -> Path:
-    """Estimates against the truth: matched, and mismatched with their intervals.
+    """Estimates against the truth, and the error of every estimator against its run time.
+
+    The first panel has matched skies, the next two skies of real air with their intervals.
 
     Args:
         path: Of the picture.
@@ -24,8 +26,8 @@ def draw_study(path: Path, cases: dict[str, dict[str, Any]]) -> Path:
         "real air, two orders": "mismatch: two orders, the paper's air, with model error",
         "real air, ATMOFIT_2026": "mismatch: ATMOFIT_2026, with model error",
     }
-    figure = Figure(figsize=(11, 3.8), layout="constrained")
-    axes = figure.subplots(1, 3, sharex=True, sharey=True)
+    figure = Figure(figsize=(14, 3.9), layout="constrained")
+    *axes, cost = figure.subplots(1, 4)
     for ax, (title, name) in zip(axes, chosen.items(), strict=True):
         truth, value, error = (np.asarray(cases[name][k]) for k in ("truth", "value", "error"))
         ends = (1.0, 12.0)
@@ -38,7 +40,24 @@ def draw_study(path: Path, cases: dict[str, dict[str, Any]]) -> Path:
             axis.set_major_formatter(lambda x, _: f"{x:g}")
             axis.set_minor_formatter("")
     axes[0].set_ylabel("estimated turbidity [-]")
+    _draw_cost(cost, cases)
     return replace_file(path, lambda name: figure.savefig(name, dpi=130))
+
+
+def _draw_cost(ax: Any, cases: dict[str, dict[str, Any]]) -> None:
+    """Root mean square error in skies of real air against seconds a sky."""
+    names = [name.split(": ")[1] for name in cases if name.startswith("mismatch")]
+    models = list(dict.fromkeys(name.rsplit(", ", 1)[0] for name in names))
+    for color, model in zip(PALETTE, models, strict=False):
+        for kind, marker in (("with", "o"), ("without", "x")):
+            case = cases[f"mismatch: {model}, {kind} model error"]
+            off = np.asarray(case["value"]) - np.asarray(case["truth"])
+            label = model if kind == "with" else None
+            ax.plot(case["seconds"], np.sqrt(np.mean(off**2)), marker, color=color, label=label)
+    ax.set(xscale="log", yscale="log", title="o with model error, x without")
+    ax.set(xlabel="seconds a sky [s]", ylabel="rms error of turbidity, real air [-]")
+    ax.set(xlim=(2e-4, 20), ylim=(0.1, 5))
+    ax.legend(frameon=False, fontsize=7)
 
 
 def draw_measured(

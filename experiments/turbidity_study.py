@@ -1,14 +1,17 @@
 """How well does turbidity come back, by which estimator, and do its intervals hold?
 
-Three parts. Recovery: skies of a model with noise, inverted with the same model, over turbidity,
+Four parts. Recovery: skies of a model with noise, inverted with the same model, over turbidity,
 sun, noise, number of directions and unknown exposure; by the analytic model and by the simulator,
 which also begins at every turbidity. Mismatch: skies over a continent with all orders and ozone,
-random haze and ground, inverted with poorer models, with and without the model-error term. Clouds:
-part of the view is brighter than any clear sky. Writes result.json, table.md and a picture.
+random haze and ground, inverted with poorer models, with and without the model-error term, with the
+seconds that each takes. One thing wrong: such skies in which only ground, phase function or
+absorption differs from what the analytic model was trained on. Clouds: part of the view is brighter
+than any clear sky. Writes result.json, table.md and a picture.
 """
 
 import dataclasses
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,7 @@ from run_files import markdown, write_run
 from turbidity_pictures import draw_study
 
 import atmofit as af
+from atmofit.fit.unknowns import UNKNOWNS
 
 NINE_BY_NINE = model_errors.DIRECTIONS.as_list()
 HEAD = ["skies", "bias", "spread", "standard error", "inside 95 %", "failed", "at edge"]
@@ -58,7 +62,7 @@ def main(config: Config) -> None:
         rows.append([name, *cells(found)])
         print(rows[-1], flush=True)
     mismatch, timing = mismatched(config)
-    for name, found in mismatch.items():
+    for name, found in (*mismatch.items(), *one_thing_wrong(config)):
         results[name] = found
         rows.append([name, *cells(found)])
         print(rows[-1], flush=True)
@@ -184,6 +188,11 @@ def through_simulator(config: Config) -> list[tuple[str, dict[str, Any]]]:
     seconds = (time.perf_counter() - begin) / T.size
     found = [("simulator, 81 directions, 1.0%, exposure known", summary(T, _stacked(every)))]
     found[0][1]["seconds"] = seconds
+    seen = 1e-3 * exact * np.exp(0.05 * random.standard_normal(exact.shape))
+    one = estimator(NINE_BY_NINE, "simulator", "unknown")
+    every = [one(values, s, 0.05) for values, s in zip(seen, sun, strict=True)]
+    found.append(("simulator, 81 directions, 5.0%, exposure unknown", summary(T, _stacked(every))))
+    seen = exact * np.exp(0.01 * random.standard_normal(exact.shape))
     alone = [
         estimator(NINE_BY_NINE, "simulator", start=start)(seen[k], sun[k], 0.01)
         for k in range(0, T.size, config.simulator_repeats)
@@ -219,8 +228,19 @@ def clouds(config: Config) -> list[tuple[str, dict[str, Any]]]:
 # Models with which skies over a continent are inverted, and the names of their errors.
 POORER: dict[str, tuple[Any, str]] = {
     "two orders, the paper's air": ("simulator", "simulator"),
+    "two orders, the paper's air, rung 5e-2": (af.SimulatorModel(rtol=5e-2), "simulator"),
     "ATMOFIT_2026": (af.ATMOFIT_2026, "atmofit_2026"),
     "1999, published": ("preetham", "preetham"),
+}
+
+
+# What is wrong with skies of which the analytic model knows the rest.
+ONE_WRONG: dict[str, dict[str, float]] = {
+    "nothing wrong": {},
+    "wrong albedo: .6, assumed .2": {"albedo": 0.6},
+    "wrong phase: asymmetry .62, assumed .70": {"asymmetry": 0.62},
+    "wrong phase: asymmetry .78, assumed .70": {"asymmetry": 0.78},
+    "wrong absorption: .85, assumed .925": {"single_scattering_albedo": 0.85},
 }
 
 
@@ -239,16 +259,48 @@ def mismatched(
     for name, (model, error) in POORER.items():
         for with_error in (False, True):
             options = {"model_error": error} if with_error else {}
-            one = estimator(NINE_BY_NINE, model, **options)
-            one(seen[0], sun[0], 0.01)
+            many = _all_skies(model, **options)
+            many(seen, sun)
             begin = time.perf_counter()
-            every = [one(values, s, 0.01) for values, s in zip(seen, sun, strict=True)]
+            every = jax.block_until_ready(many(seen, sun))
             seconds = (time.perf_counter() - begin) / T.size
             label = f"mismatch: {name}, {'with' if with_error else 'without'} model error"
-            found[label] = summary(T, _stacked(every)) | {"seconds": seconds}
+            found[label] = summary(T, every) | {"seconds": seconds}
             rms = np.sqrt(np.mean((np.asarray(found[label]["value"]) - T) ** 2))
             rows.append([label, f"{seconds:.3f}", f"{rms:.3f}", f"{found[label]['inside']:.0%}"])
     return found, (["estimator", "s / sky", "rms error of T", "inside 95 %"], rows)
+
+
+def one_thing_wrong(config: Config) -> list[tuple[str, dict[str, Any]]]:
+    """Skies that differ in one thing from those that the analytic model was trained on."""
+    random = np.random.default_rng(config.seed + 4)
+    T, sun = (each.ravel() for each in np.meshgrid(config.turbidity, np.radians(config.suns_deg)))
+    T = np.maximum(T, 1.7)
+    truth = af.SimulatorModel("continental", orders="all")
+    usual = {name: np.full(T.size, UNKNOWNS[name].start) for name in truth.unknowns}
+    usual |= {"turbidity": T, "solar_zenith_angle": sun}
+    found = []
+    for name, wrong in ONE_WRONG.items():
+        places = usual | {key: np.full(T.size, value) for key, value in wrong.items()}
+        luminance = model_errors.simulate(places, truth)[..., 1].reshape(T.size, -1)
+        seen = luminance * np.exp(0.01 * random.standard_normal(luminance.shape))
+        for with_error in (False, True):
+            options = {"model_error": "atmofit_2026"} if with_error else {}
+            every = _all_skies(af.ATMOFIT_2026, **options)(seen, sun)
+            label = f"{name}, {'with' if with_error else 'without'} model error"
+            found.append((label, summary(T, every)))
+    return found
+
+
+def _all_skies(model: Any, **options: Any) -> Callable[..., af.TurbidityEstimate]:
+    """Estimates of many skies: by closed formulas at once, through the simulator one by one."""
+    one = estimator(NINE_BY_NINE, model, **options)
+    if model == "simulator" or isinstance(model, af.SimulatorModel):
+        return lambda seen, sun: _stacked(
+            [one(values, s, 0.01) for values, s in zip(seen, sun, strict=True)]
+        )
+    at_once = jax.jit(jax.vmap(lambda values, s: one(values, s, 0.01)))
+    return lambda seen, sun: at_once(jnp.asarray(seen), jnp.asarray(sun))
 
 
 def _stacked(estimates: list[af.TurbidityEstimate]) -> af.TurbidityEstimate:

@@ -60,11 +60,7 @@ def cie_general_sky(
         CIE S 011/E:2003, Spatial distribution of daylight: CIE standard general sky.
     """
     _check_type(sky_type)
-    θ = angle_in_range("view_zenith_angle", view_zenith_angle, 0.0, HORIZON)
-    γ = angle_in_range("scattering_angle", scattering_angle, 0.0, math.pi)
-    s = angle_in_range("solar_zenith_angle", solar_zenith_angle, 0.0, HORIZON)
-    dtype = jnp.result_type(θ, γ, s)
-    θ, γ, s = (x.astype(dtype) for x in jnp.broadcast_arrays(θ, γ, s))
+    θ, γ, s = _angles(view_zenith_angle, scattering_angle, solar_zenith_angle)
     zenith = _relative(sky_type, jnp.ones_like(s), s)
     return _relative(sky_type, jnp.cos(θ), γ) / zenith
 
@@ -82,6 +78,77 @@ extremes(
     scattering_angle=Domain(0.0, math.pi),
     solar_zenith_angle=Domain(0.0, HORIZON),
 )(cie_general_sky)
+
+
+def cie_clear_sky(
+    view_zenith_angle: RealsLike, scattering_angle: RealsLike, solar_zenith_angle: RealsLike
+) -> Reals:
+    """Luminance of the CIE's clear sky of 1973 over that at the zenith.
+
+    Args:
+        view_zenith_angle: 0 to pi/2 [rad].
+        scattering_angle: Between view direction and sun, 0 to pi [rad].
+        solar_zenith_angle: 0 to pi/2 [rad]. The three broadcast.
+
+    Returns:
+        The ratio, of the broadcast shape.
+
+    Raises:
+        ValueError: A known argument is out of range.
+
+    References:
+        Preetham, Shirley and Smits (1999), equation 1; Kittler (1967).
+    """
+    θ, γ, s = _angles(view_zenith_angle, scattering_angle, solar_zenith_angle)
+
+    def around(angle: Reals) -> Reals:
+        return 0.91 + 10 * jnp.exp(-3 * angle) + 0.45 * jnp.cos(angle) ** 2
+
+    gradation = -jnp.expm1(-0.32 / jnp.maximum(jnp.cos(θ), COSINE_FLOOR))
+    return around(γ) / around(s) * gradation / -math.expm1(-0.32)
+
+
+extremes(
+    Case(
+        "zenith",
+        {"view_zenith_angle": 0.0, "scattering_angle": 0.5, "solar_zenith_angle": 0.5},
+        limit=1.0,
+    ),
+    call=lambda view_zenith_angle, scattering_angle, solar_zenith_angle: cie_clear_sky(
+        view_zenith_angle, scattering_angle, solar_zenith_angle
+    ),
+    view_zenith_angle=Domain(0.0, HORIZON),
+    scattering_angle=Domain(0.0, math.pi),
+    solar_zenith_angle=Domain(0.0, HORIZON),
+)(cie_clear_sky)
+
+
+@extremes(
+    Case("zenith", {"view_zenith_angle": 0.0}, limit=1.0, slope={"view_zenith_angle": 0.0}),
+    Case("horizon", {"view_zenith_angle": math.pi / 2}, limit=1 / 3),
+    view_zenith_angle=Domain(0.0, HORIZON),
+)
+def cie_overcast_sky(view_zenith_angle: RealsLike) -> Reals:
+    """Luminance of the CIE's overcast sky over that at the zenith.
+
+    Args:
+        view_zenith_angle: 0 to pi/2 [rad].
+
+    References:
+        Preetham, Shirley and Smits (1999), equation 2; Moon and Spencer (1942).
+    """
+    θ = angle_in_range("view_zenith_angle", view_zenith_angle, 0.0, HORIZON)
+    return (1 + 2 * jnp.cos(θ)) / 3
+
+
+def _angles(view: RealsLike, scattering: RealsLike, sun: RealsLike) -> tuple[Reals, Reals, Reals]:
+    """Checked, of one shape and dtype."""
+    θ = angle_in_range("view_zenith_angle", view, 0.0, HORIZON)
+    γ = angle_in_range("scattering_angle", scattering, 0.0, math.pi)
+    s = angle_in_range("solar_zenith_angle", sun, 0.0, HORIZON)
+    dtype = jnp.result_type(θ, γ, s)
+    θ, γ, s = (x.astype(dtype) for x in jnp.broadcast_arrays(θ, γ, s))
+    return θ, γ, s
 
 
 def _check_type(sky_type: int) -> None:
