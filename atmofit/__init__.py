@@ -40,6 +40,10 @@ from atmofit.fit.turbidity import TurbidityEstimate, estimate_turbidity
 from atmofit.fit.zenith import ZenithFit, fit_zenith_chromaticity, fit_zenith_luminance
 from atmofit.geometry import DirectionGrid, Directions, dome_343, scattering_angle
 from atmofit.io import read_coefficients, read_sky_model
+from atmofit.landscape.light import clear_light, overcast_light
+from atmofit.landscape.picture import Light, Picture, render_landscape
+from atmofit.landscape.terrain import Terrain, procedural_terrain, read_elevation_grid
+from atmofit.landscape.view import View
 from atmofit.media.baselines import DepthFog, WardLarson, fit_depth_fog, fit_ward_larson
 from atmofit.media.light_around import LightAround, light_around
 from atmofit.media.low_air import LowAir, low_air
@@ -144,6 +148,7 @@ __all__ = [
     "Haze",
     "HenyeyGreenstein",
     "Identifiability",
+    "Light",
     "LightAround",
     "LowAir",
     "MieOptics",
@@ -157,6 +162,7 @@ __all__ = [
     "PerezPrior",
     "PhaseFunction",
     "Photograph",
+    "Picture",
     "Plan",
     "PreethamModel",
     "Profile",
@@ -175,12 +181,14 @@ __all__ = [
     "Spectrum",
     "SunTransmittance",
     "TabulatedPhase",
+    "Terrain",
     "TrainedModel",
     "TrainingSettings",
     "TurbidityEstimate",
     "TurbidityProblem",
     "TurbidityProfile",
     "TurbiditySamples",
+    "View",
     "WardLarson",
     "XYZ_to_linear_sRGB",
     "XYZ_to_xyY",
@@ -192,6 +200,7 @@ __all__ = [
     "cie_clear_sky",
     "cie_general_sky",
     "cie_overcast_sky",
+    "clear_light",
     "compare",
     "continental_air",
     "daylight_spectrum",
@@ -222,18 +231,22 @@ __all__ = [
     "mie_optics",
     "modified_gamma_sizes",
     "optical_mass",
+    "overcast_light",
     "path_transfer",
     "perez",
     "plan_path",
     "plan_sky",
+    "procedural_terrain",
     "profile_turbidity",
     "rayleigh_cross_section",
     "rayleigh_optical_depth",
     "read_coefficients",
+    "read_elevation_grid",
     "read_observations",
     "read_photograph",
     "read_sky_model",
     "refit",
+    "render_landscape",
     "sample_turbidity",
     "scattering_angle",
     "simulate_luminance",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from atmofit.geometry import DirectionGrid, Directions
+from atmofit.render.film import on_film
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,8 +90,7 @@ def sky_image(
 ) -> np.ndarray:
     """A fisheye photograph of a sky, in sRGB.
 
-    A luminance Y becomes 1 - exp(-Y / white luminance), like a film that saturates, and keeps its
-    chromaticity; colours outside the gamut are clipped, channel by channel.
+    As `on_film` shows colours.
 
     Args:
         directions: Of the sky, as in `draw_dome`.
@@ -104,10 +104,6 @@ def sky_image(
     Raises:
         ValueError: Colours that do not fit the directions, or a luminance that is not positive.
     """
-    from atmofit.colour import XYZ_to_linear_sRGB, linear_sRGB_to_sRGB, xyY_to_XYZ
-
-    if not 0 < white_luminance < np.inf:
-        raise ValueError(f"white_luminance must be positive, got {white_luminance}")
     xyY = np.asarray(xyY, float)
     if xyY.shape != (*directions.shape, 3) or not xyY[..., 2].min() > 0:
         raise ValueError(
@@ -119,11 +115,9 @@ def sky_image(
         interpolate_dome(directions, xyY[..., k], pixels=pixels, smooth=False) for k in range(2)
     )
     inside = np.isfinite(log_luminance) & np.isfinite(x)
-    relative = np.exp(log_luminance[inside]) / white_luminance
-    colours = np.stack([x[inside], y[inside], -np.expm1(-relative)], axis=-1)
-    linear = np.asarray(XYZ_to_linear_sRGB(xyY_to_XYZ(colours)))
+    colours = np.stack([x[inside], y[inside], np.exp(log_luminance[inside])], axis=-1)
     picture = np.zeros((pixels, pixels, 4))
-    picture[inside, :3] = np.asarray(linear_sRGB_to_sRGB(np.clip(linear, 0, 1)))
+    picture[inside, :3] = on_film(colours, white_luminance)
     picture[inside, 3] = 1
     return picture
 

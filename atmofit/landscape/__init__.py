@@ -1,0 +1,1 @@
+"""A landscape of heights, to see air, sun and sky at work."""
