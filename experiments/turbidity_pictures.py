@@ -56,7 +56,9 @@ def _draw_cost(ax: Any, cases: dict[str, dict[str, Any]]) -> None:
             ax.plot(case["seconds"], np.sqrt(np.mean(off**2)), marker, color=color, label=label)
     ax.set(xscale="log", yscale="log", title="o with model error, x without")
     ax.set(xlabel="seconds a sky [s]", ylabel="rms error of turbidity, real air [-]")
-    ax.set(xlim=(2e-4, 20), ylim=(0.1, 5))
+    ax.set(xlim=(2e-4, 20), ylim=(0.1, 5), yticks=[0.1, 0.2, 0.5, 1, 2, 5])
+    ax.yaxis.set_major_formatter(lambda y, _: f"{y:g}")
+    ax.yaxis.set_minor_formatter("")
     ax.legend(frameon=False, fontsize=7)
 
 
