@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 import jax
 import tyro
 
+from atmofit.cli_sky import Sky
 from atmofit.fit.candidates import SimulatorModel
 from atmofit.fit.comparison import compare
 from atmofit.fit.judgement import judge
@@ -331,7 +332,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; 0, or 2 after one line that says what was wrong."""
     use_compilation_cache()
     jax.config.update("jax_enable_x64", True)
-    commands = {"refit": Refit, "check": Check, "turbidity": Turbidity, "export": Export}
+    commands = {
+        "refit": Refit,
+        "check": Check,
+        "sky": Sky,
+        "turbidity": Turbidity,
+        "export": Export,
+    }
     command = tyro.extras.subcommand_cli_from_dict(commands, prog="atmofit", args=arguments)
     try:
         command.run()

@@ -25,7 +25,7 @@ import atmofit as af
 from atmofit.files import replace_file
 from atmofit.landscape.light import WAVELENGTHS_NM
 from atmofit.render.film import on_film
-from atmofit.render.landscape import typical_luminance, write_picture
+from atmofit.render.pictures import typical_luminance, write_picture
 
 ALBEDO = af.Spectrum(WAVELENGTHS_NM, np.linspace(0.06, 0.16, 9))  # dry ground and grass
 SIZES = ((250, 188), (500, 375), (1000, 750), (2000, 1500))

@@ -14,7 +14,7 @@ import numpy as np
 
 import atmofit as af
 from atmofit.render.film import on_film
-from atmofit.render.landscape import typical_luminance
+from atmofit.render.pictures import typical_luminance
 
 FAST = os.environ.get("ATMOFIT_FAST") == "1"  # small pictures, for the tests
 COLUMNS, ROWS = (60, 45) if FAST else (640, 480)
