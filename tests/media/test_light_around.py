@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import simpson
 
 import atmofit as af
 
@@ -107,3 +108,19 @@ def test_derivatives_go_through():
 def test_bad_arguments_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         af.light_around(*arguments)
+
+
+def test_a_simulated_field_is_a_sky():
+    """The simulator's own sky, and its balance: what the field says of level ground."""
+    whole = af.Atmosphere.from_turbidity(3.0)
+    plan = af.plan_sky(whole, orders=1, rtol=1e-1, dtype="float32")
+    field = af.solve_sky(whole, WAVELENGTHS, plan=plan)
+    air = af.low_air(whole, WAVELENGTHS)
+    around = af.light_around(air, SUN, 0.0, lambda dirs: field.radiance(SUN, dirs, 1.0))
+    # Simpson's rule over zenith angles and the trapezoidal one over azimuths, on another grid.
+    zenith, azimuth = np.linspace(0, np.pi / 2, 41), np.linspace(0, np.pi, 37)
+    seen = np.asarray(field.radiance(SUN, af.DirectionGrid(zenith, azimuth), 1.0), float)
+    rings = 2 * np.trapezoid(seen, azimuth, axis=1) * (np.sin(zenith) * np.cos(zenith))[:, None]
+    expected = simpson(rings, x=zenith, axis=0)
+    # The coarsest rung in single precision; azimuths every five degrees through the aureole.
+    np.testing.assert_allclose(around.sky_irradiance, expected, rtol=5e-3)
