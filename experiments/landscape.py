@@ -3,7 +3,7 @@
 Stages figures 1, 7 and 8 of Preetham, Shirley and Smits (1999) over mountains from a seed: a grey
 sky without air against the model; morning, evening, haze and overcast; the CIE's clear sky with
 Ward Larson's ambient light against the model, to the west and to the east. Then seconds and memory
-against pixels and by stage. Writes landscape.png, cost.png, single pictures, result.json, table.md.
+against pixels and by stage. Writes landscape.png, single pictures, result.json and table.md.
 """
 
 import dataclasses

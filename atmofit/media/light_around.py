@@ -104,8 +104,9 @@ def light_around(
             [wavelength].
 
     Returns:
-        The light; the table's quadrature is within 1 % for haze whose forward peak is no narrower
-        than Henyey-Greenstein's with g = .9, beside the sun's own share, which is exact.
+        The light. The table's sums are within 1 % for haze whose forward peak is no narrower than
+        Henyey-Greenstein's with g = .9; between its directions 1 % for g = .76 and 3 % for .9 come
+        to it. The sun's own share is exact.
 
     Raises:
         ValueError: An argument is out of range, or a shape does not fit.
