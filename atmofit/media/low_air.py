@@ -13,7 +13,6 @@ from atmofit.constants import (
     SMALLEST_SCALE_HEIGHT,
 )
 from atmofit.extremes import Case, Domain, Span, extremes
-from atmofit.numerics import safe_divide
 from atmofit.optics.atmosphere import Atmosphere
 from atmofit.optics.exponential_layers import ExponentialLayers
 from atmofit.optics.haze import Haze
@@ -45,12 +44,6 @@ class LowAir(eqx.Module):
     phases: tuple[PhaseFunction, ...]
     wavelength_nm: Float[Array, " w"]
     left_out: int = eqx.field(static=True, default=0)
-
-    @property
-    def albedo(self) -> Float[Array, "scatterer w"]:
-        """Share of each scatterer's extinction that scatters [-]; 1 where there is none."""
-        whole = self.extinction[: len(self.phases)]
-        return jnp.where(whole > 0, safe_divide(self.scattering, whole), 1.0)
 
     def phase_functions(self, scattering_angle: Reals) -> Float[Array, "*s scatterer w"]:
         """Phase function of each scatterer [1/sr], [..., scatterer, wavelength]."""
@@ -129,4 +122,4 @@ extremes(
 
 
 def _everything(air: LowAir) -> tuple[Reals, ...]:
-    return air.extinction, air.scattering, air.decay, air.albedo
+    return air.extinction, air.scattering, air.decay
