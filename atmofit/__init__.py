@@ -45,10 +45,15 @@ from atmofit.landscape.picture import Light, Picture, render_landscape
 from atmofit.landscape.terrain import Terrain, procedural_terrain, read_elevation_grid
 from atmofit.landscape.view import View
 from atmofit.media.baselines import DepthFog, WardLarson, fit_depth_fog, fit_ward_larson
+from atmofit.media.h_functions import h_function, half_space_radiance
 from atmofit.media.light_around import LightAround, light_around
 from atmofit.media.low_air import LowAir, low_air
 from atmofit.media.path_plan import PathPlan
 from atmofit.media.path_planning import plan_path
+from atmofit.media.slab import slab_single_scattering
+from atmofit.media.slab_plan import SlabPlan
+from atmofit.media.slab_planning import plan_slab
+from atmofit.media.slab_solution import SlabSolution, solve_slab
 from atmofit.media.transfer import Path, PathTransfer, path_transfer
 from atmofit.models.cie import CIEShape, cie_clear_sky, cie_general_sky, cie_overcast_sky
 from atmofit.models.daylight import DaylightSpectrum, daylight_spectrum
@@ -177,6 +182,8 @@ __all__ = [
     "SkyModel",
     "SkyModelFit",
     "SkySettings",
+    "SlabPlan",
+    "SlabSolution",
     "Sought",
     "Spectrum",
     "SunTransmittance",
@@ -216,6 +223,8 @@ __all__ = [
     "fit_ward_larson",
     "fit_zenith_chromaticity",
     "fit_zenith_luminance",
+    "h_function",
+    "half_space_radiance",
     "hazy_sky_xyY",
     "identify_distribution",
     "identify_perez",
@@ -236,6 +245,7 @@ __all__ = [
     "perez",
     "plan_path",
     "plan_sky",
+    "plan_slab",
     "procedural_terrain",
     "profile_turbidity",
     "rayleigh_cross_section",
@@ -255,9 +265,11 @@ __all__ = [
     "simulate_sun",
     "simulate_training",
     "sky_from_photograph",
+    "slab_single_scattering",
     "solar_irradiance_spectrum",
     "solar_position",
     "solve_sky",
+    "solve_slab",
     "spectrum_to_XYZ",
     "spectrum_to_xyY",
     "standard_density_profile",

@@ -12,6 +12,9 @@ from atmofit.extremes import DECLARATIONS, Case, Domain, Span, extremes
 
 # Public names that need no declaration of their own.
 EXEMPT = {
+    "SlabPlan": "counts and words",
+    "SlabSolution": "result of solve_slab, declared with it",
+    "plan_slab": "counts and words",
     "DensityProfile": "abstract",
     "SizeDistribution": "NumPy, checked when made",
     "junge_sizes": "NumPy, checked when made",
