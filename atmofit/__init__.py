@@ -45,11 +45,26 @@ from atmofit.landscape.picture import Light, Picture, render_landscape
 from atmofit.landscape.terrain import Terrain, procedural_terrain, read_elevation_grid
 from atmofit.landscape.view import View
 from atmofit.media.baselines import DepthFog, WardLarson, fit_depth_fog, fit_ward_larson
+from atmofit.media.dust import (
+    dense_optical_depth,
+    empty_probability,
+    hapke_irvine,
+    opposition_factor,
+    over_background,
+    slab_brightness,
+    slab_transparency,
+)
 from atmofit.media.h_functions import h_function, half_space_radiance
 from atmofit.media.light_around import LightAround, light_around
 from atmofit.media.low_air import LowAir, low_air
 from atmofit.media.path_plan import PathPlan
 from atmofit.media.path_planning import plan_path
+from atmofit.media.rings import (
+    RingProfile,
+    in_sphere_shadow,
+    ring_brightness,
+    synthetic_ring_profile,
+)
 from atmofit.media.slab import slab_single_scattering
 from atmofit.media.slab_plan import SlabPlan
 from atmofit.media.slab_planning import plan_slab
@@ -96,6 +111,18 @@ from atmofit.optics.gases import Absorber
 from atmofit.optics.haze import Haze, bullrich_phase
 from atmofit.optics.mie import MieOptics, mie_haze, mie_optics
 from atmofit.optics.molecules import Molecules
+from atmofit.optics.particle_phases import (
+    Isotropic,
+    LambertSphere,
+    LinearPhase,
+    PhaseSum,
+    furnace_slag_phase,
+    henyey_greenstein_of_phase_angle,
+    phase_angle,
+    phase_of_phase_angle,
+    saturn_ring_phase,
+    scattering_angle_of_phase_angle,
+)
 from atmofit.optics.phase import (
     CornetteShanks,
     HenyeyGreenstein,
@@ -153,8 +180,11 @@ __all__ = [
     "Haze",
     "HenyeyGreenstein",
     "Identifiability",
+    "Isotropic",
+    "LambertSphere",
     "Light",
     "LightAround",
+    "LinearPhase",
     "LowAir",
     "MieOptics",
     "ModelError",
@@ -166,6 +196,7 @@ __all__ = [
     "PerezFit",
     "PerezPrior",
     "PhaseFunction",
+    "PhaseSum",
     "Photograph",
     "Picture",
     "Plan",
@@ -174,6 +205,7 @@ __all__ = [
     "Rayleigh",
     "RefitResult",
     "RefitSettings",
+    "RingProfile",
     "Shape",
     "SimulatorModel",
     "SizeDistribution",
@@ -212,9 +244,11 @@ __all__ = [
     "continental_air",
     "daylight_spectrum",
     "debug_checks",
+    "dense_optical_depth",
     "direct_sun_radiance",
     "direct_sun_xyY",
     "dome_343",
+    "empty_probability",
     "estimate_turbidity",
     "fit_depth_fog",
     "fit_distribution",
@@ -223,12 +257,16 @@ __all__ = [
     "fit_ward_larson",
     "fit_zenith_chromaticity",
     "fit_zenith_luminance",
+    "furnace_slag_phase",
     "h_function",
     "half_space_radiance",
+    "hapke_irvine",
     "hazy_sky_xyY",
+    "henyey_greenstein_of_phase_angle",
     "identify_distribution",
     "identify_perez",
     "identify_zenith",
+    "in_sphere_shadow",
     "junge_sizes",
     "king_factor",
     "light_around",
@@ -239,10 +277,14 @@ __all__ = [
     "mie_haze",
     "mie_optics",
     "modified_gamma_sizes",
+    "opposition_factor",
     "optical_mass",
+    "over_background",
     "overcast_light",
     "path_transfer",
     "perez",
+    "phase_angle",
+    "phase_of_phase_angle",
     "plan_path",
     "plan_sky",
     "plan_slab",
@@ -257,15 +299,20 @@ __all__ = [
     "read_sky_model",
     "refit",
     "render_landscape",
+    "ring_brightness",
     "sample_turbidity",
+    "saturn_ring_phase",
     "scattering_angle",
+    "scattering_angle_of_phase_angle",
     "simulate_luminance",
     "simulate_skies",
     "simulate_sky",
     "simulate_sun",
     "simulate_training",
     "sky_from_photograph",
+    "slab_brightness",
     "slab_single_scattering",
+    "slab_transparency",
     "solar_irradiance_spectrum",
     "solar_position",
     "solve_sky",
@@ -279,6 +326,7 @@ __all__ = [
     "stored_model_error",
     "sun_at",
     "sun_transmittance",
+    "synthetic_ring_profile",
     "train",
     "turbidity_from_range",
     "turbidity_of",

@@ -12,6 +12,8 @@ from atmofit.extremes import DECLARATIONS, Case, Domain, Span, extremes
 
 # Public names that need no declaration of their own.
 EXEMPT = {
+    "in_sphere_shadow": "returns booleans",
+    "synthetic_ring_profile": "takes only a seed",
     "SlabPlan": "counts and words",
     "SlabSolution": "result of solve_slab, declared with it",
     "plan_slab": "counts and words",
