@@ -44,6 +44,7 @@ from atmofit.landscape.light import clear_light, overcast_light
 from atmofit.landscape.picture import Light, Picture, render_landscape
 from atmofit.landscape.terrain import Terrain, procedural_terrain, read_elevation_grid
 from atmofit.landscape.view import View
+from atmofit.media.adaptive_sky import AdaptiveSky, adaptive_sky
 from atmofit.media.baselines import DepthFog, WardLarson, fit_depth_fog, fit_ward_larson
 from atmofit.media.dust import (
     dense_optical_depth,
@@ -65,11 +66,17 @@ from atmofit.media.rings import (
     ring_brightness,
     synthetic_ring_profile,
 )
+from atmofit.media.sky_reconstruction import (
+    ReconstructionPlan,
+    plan_layered_sky,
+    reconstruct_layered_sky,
+)
 from atmofit.media.slab import slab_single_scattering
 from atmofit.media.slab_plan import SlabPlan
 from atmofit.media.slab_planning import plan_slab
 from atmofit.media.slab_solution import SlabSolution, solve_slab
 from atmofit.media.transfer import Path, PathTransfer, path_transfer
+from atmofit.media.two_layers import TwoLayers, haze_opacity, layered_sky, layered_sun, two_layers
 from atmofit.models.cie import CIEShape, cie_clear_sky, cie_general_sky, cie_overcast_sky
 from atmofit.models.daylight import DaylightSpectrum, daylight_spectrum
 from atmofit.models.dependence import Basis, Dependence
@@ -161,6 +168,7 @@ __all__ = [
     "PEREZ",
     "PREETHAM_1999",
     "Absorber",
+    "AdaptiveSky",
     "Atmosphere",
     "Basis",
     "CIEShape",
@@ -203,6 +211,7 @@ __all__ = [
     "PreethamModel",
     "Profile",
     "Rayleigh",
+    "ReconstructionPlan",
     "RefitResult",
     "RefitSettings",
     "RingProfile",
@@ -227,11 +236,13 @@ __all__ = [
     "TurbidityProblem",
     "TurbidityProfile",
     "TurbiditySamples",
+    "TwoLayers",
     "View",
     "WardLarson",
     "XYZ_to_linear_sRGB",
     "XYZ_to_xyY",
     "ZenithFit",
+    "adaptive_sky",
     "air_depolarisation",
     "air_refractivity",
     "angstrom_beta",
@@ -261,6 +272,7 @@ __all__ = [
     "h_function",
     "half_space_radiance",
     "hapke_irvine",
+    "haze_opacity",
     "hazy_sky_xyY",
     "henyey_greenstein_of_phase_angle",
     "identify_distribution",
@@ -269,6 +281,8 @@ __all__ = [
     "in_sphere_shadow",
     "junge_sizes",
     "king_factor",
+    "layered_sky",
+    "layered_sun",
     "light_around",
     "linear_sRGB_to_sRGB",
     "lognormal_sizes",
@@ -285,6 +299,7 @@ __all__ = [
     "perez",
     "phase_angle",
     "phase_of_phase_angle",
+    "plan_layered_sky",
     "plan_path",
     "plan_sky",
     "plan_slab",
@@ -297,6 +312,7 @@ __all__ = [
     "read_observations",
     "read_photograph",
     "read_sky_model",
+    "reconstruct_layered_sky",
     "refit",
     "render_landscape",
     "ring_brightness",
@@ -331,5 +347,6 @@ __all__ = [
     "turbidity_from_range",
     "turbidity_of",
     "turbidity_problem",
+    "two_layers",
     "xyY_to_XYZ",
 ]

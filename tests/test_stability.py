@@ -12,6 +12,15 @@ from atmofit.extremes import DECLARATIONS, Case, Domain, Span, extremes
 
 # Public names that need no declaration of their own.
 EXEMPT = {
+    "TwoLayers": "made by two_layers, declared with layered_sky",
+    "two_layers": "declared with layered_sky",
+    "layered_sun": "declared with layered_sky",
+    "haze_opacity": "declared with layered_sky",
+    "plan_layered_sky": "counts and words",
+    "reconstruct_layered_sky": "layered_sky at a few directions",
+    "ReconstructionPlan": "counts and words",
+    "adaptive_sky": "NumPy on the host, counted; no derivatives",
+    "AdaptiveSky": "result of adaptive_sky",
     "in_sphere_shadow": "returns booleans",
     "synthetic_ring_profile": "takes only a seed",
     "SlabPlan": "counts and words",
