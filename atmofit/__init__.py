@@ -16,6 +16,7 @@ from atmofit.colour import (
 from atmofit.fit.candidates import SimulatorModel
 from atmofit.fit.comparison import compare
 from atmofit.fit.distribution import DistributionFit, fit_distribution
+from atmofit.fit.dust import DustFit, SlabView, fit_dust
 from atmofit.fit.identifiability import (
     Identifiability,
     identify_distribution,
@@ -181,6 +182,7 @@ __all__ = [
     "DirectionGrid",
     "Directions",
     "DistributionFit",
+    "DustFit",
     "Exponential",
     "ExponentialLayers",
     "GaussianLayer",
@@ -225,6 +227,7 @@ __all__ = [
     "SkySettings",
     "SlabPlan",
     "SlabSolution",
+    "SlabView",
     "Sought",
     "Spectrum",
     "SunTransmittance",
@@ -263,6 +266,7 @@ __all__ = [
     "estimate_turbidity",
     "fit_depth_fog",
     "fit_distribution",
+    "fit_dust",
     "fit_perez",
     "fit_sky_model",
     "fit_ward_larson",
