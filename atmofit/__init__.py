@@ -67,6 +67,7 @@ from atmofit.media.rings import (
     ring_brightness,
     synthetic_ring_profile,
 )
+from atmofit.media.scattering_orders import ScatteringOrders, scattering_orders
 from atmofit.media.sky_reconstruction import (
     ReconstructionPlan,
     plan_layered_sky,
@@ -217,6 +218,7 @@ __all__ = [
     "RefitResult",
     "RefitSettings",
     "RingProfile",
+    "ScatteringOrders",
     "Shape",
     "SimulatorModel",
     "SizeDistribution",
@@ -324,6 +326,7 @@ __all__ = [
     "saturn_ring_phase",
     "scattering_angle",
     "scattering_angle_of_phase_angle",
+    "scattering_orders",
     "simulate_luminance",
     "simulate_skies",
     "simulate_sky",

@@ -12,6 +12,7 @@ from atmofit.extremes import DECLARATIONS, Case, Domain, Span, extremes
 
 # Public names that need no declaration of their own.
 EXEMPT = {
+    "ScatteringOrders": "result of scattering_orders",
     "DustFit": "result of fit_dust",
     "TwoLayers": "made by two_layers, declared with layered_sky",
     "two_layers": "declared with layered_sky",
