@@ -276,7 +276,10 @@ def sky_integral(
     per_metre = jnp.stack([layers.molecular_extinction, layers.haze_extinction], 1).astype(dtype)
     # Where the nodes lie does not change the integral, so its slope need not follow them.
     reach = jax.lax.stop_gradient(1 / (1e-9 + jnp.max(jnp.sum(per_metre, axis=1))))
-    places, weights = (jnp.asarray(x, dtype) for x in gauss_nodes(nodes))
+    evenly, shares = gauss_nodes(nodes)
+    # Under a level sun its way ends in a square root at the top of the haze; so it is smooth.
+    bent = (1 - (1 - evenly) ** 2, 2 * (1 - evenly) * shares)
+    places, weights = (jnp.asarray(x, dtype) for x in bent)
     stretched = 2 * jnp.log1p(whole / reach)
     ratio = reach / (whole + reach)
 
