@@ -4,6 +4,7 @@ The names below stand in the order in which light travels: what the air is made 
 it makes, colour, analytic skies, and their fits.
 """
 
+from atmofit import clouds as clouds
 from atmofit.checks import debug_checks
 from atmofit.colour import (
     XYZ_to_linear_sRGB,
