@@ -19,7 +19,7 @@ stands in a node or opposite a view.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -125,17 +125,14 @@ def double(
     start = (once + b * third, b - (b @ (once + b * third).inverse() @ b) * third)
 
     def step(pair: tuple[Bordered, Bordered], h: Scalar) -> tuple[tuple[Bordered, Bordered], None]:
-        p, q = pair
-        both = p + q * h**2
-        return (both, q - (q @ both.inverse() @ q) * h**2), None
+        return _doubled(*pair, h**2)[:2], None
 
     def last_step(
         three: tuple[Bordered, Bordered, Bordered], h: Scalar
     ) -> tuple[tuple[Bordered, Bordered, Bordered], None]:
         p, q, apart = three
-        both = p + q * h**2
-        between = both.inverse()
-        return (both, q - (q @ between @ q) * h**2, apart @ between @ apart), None
+        both, harmonic, between = _doubled(p, q, h**2)
+        return (both, harmonic, apart @ between @ apart), None
 
     fading = min(_FADING, doublings)
     (p, q), _ = jax.lax.scan(step, start, depths[: doublings - fading])
@@ -155,6 +152,26 @@ def double(
         opened @ apart @ shorted,
     )
     return Layer(reflection, transmission, reflection, transmission)
+
+
+@jax.custom_jvp
+def _doubled(p: Bordered, q: Bordered, square: Scalar) -> tuple[Bordered, Bordered, Bordered]:
+    """P' and Q' of the module, and the inverse of P'."""
+    both = p + q * square
+    between = both.inverse()
+    return both, q - (q @ between @ q) * square, between
+
+
+@_doubled.defjvp
+def _slope_of_doubled(values: tuple[Any, ...], slopes: tuple[Any, ...]) -> tuple[Any, Any]:
+    """By half the products that slopes of each factor and of the inverse would take."""
+    (_, q, square), (dp, dq, dsquare) = values, slopes
+    both, found, between = _doubled(*values)
+    left, right = q @ between, between @ q
+    dboth = dp + dq * square + q * dsquare
+    change = dq @ right + left @ (dq - dboth @ right)
+    dfound = dq - (q @ right) * dsquare - change * square
+    return (both, found, between), (dboth, dfound, (between @ dboth @ between) * -1.0)
 
 
 def _generator(directions: Fan, functions: tuple[Reals, Reals], scattering: Reals) -> Bordered:

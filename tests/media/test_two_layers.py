@@ -156,6 +156,39 @@ def test_colour_of_the_sun_and_trends_of_the_sky():
     assert (np.diff(opacity, axis=0) > 0).all()
 
 
+def red_and_bright(elevation, **layers):
+    """x and Y at 17, 69 and 86 degrees from the zenith, toward the sun."""
+    layers = two_layers(**layers)
+    sky = layered_sky(
+        layers,
+        np.radians(90 - elevation),
+        af.Directions(np.array([0.3, 1.2, 1.5]), np.zeros(3)),
+        solar_irradiance=af.solar_irradiance_spectrum("standard")(layers.wavelength_nm),
+    )
+    return np.moveaxis(np.asarray(af.spectrum_to_xyY(sky, layers.wavelength_nm)), -1, 0)[[0, 2]]
+
+
+def test_what_the_parameters_do_in_klassens_plates():
+    # Figures 8 to 13 show it without numbers. Haze reddens everywhere, at sunset and at midday ...
+    densities = [1e-5, 3e-5, 1e-4, 3e-4]
+    sunset = np.stack([red_and_bright(2, haze_extinction=haze) for haze in densities])
+    midday = np.stack([red_and_bright(40, haze_extinction=haze) for haze in densities])
+    deep = np.stack([red_and_bright(2, haze_top=top) for top in (500.0, 1e3, 2e3, 4e3)])
+    for sweep in (sunset, midday, deep):
+        assert (np.diff(sweep[:, 0], axis=0) > 0).all()
+    # ... darkens the top of the sky at sunset, and brightens it at midday.
+    assert (np.diff(sunset[:, 1, 0]) < 0).all()
+    assert (np.diff(deep[:, 1, 0]) < 0).all()
+    assert (np.diff(midday[:, 1, 0]) > 0).all()
+    # More air brightens it at sunset.
+    air = np.stack([red_and_bright(2, air_top=top) for top in (4.5e3, 8.4e3, 1.6e4, 3e4)])
+    assert (np.diff(air[:, 1, 0]) > 0).all()
+    # While the sun sinks, its side of the horizon reddens and the top of the sky turns blue.
+    sinking = np.stack([red_and_bright(elevation) for elevation in (40, 20, 10, 5, 2)])
+    assert (np.diff(sinking[:, 0, 2]) > 0).all()
+    assert (np.diff(sinking[:, 0, 0]) < 0).all()
+
+
 @pytest.mark.parametrize("sun", [0.1, 1.5])
 def test_a_planned_picture_is_right_to_eight_bits(sun):
     plan = plan_layered_sky(HAZY, sun)

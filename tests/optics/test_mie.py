@@ -56,6 +56,19 @@ def test_published_efficiencies(index, size_parameter, extinction, scattering, a
         assert found.asymmetry[0] == pytest.approx(asymmetry, abs=half)
 
 
+def test_efficiency_of_water_droplets_as_klassen_draws_it():
+    # Figure 3 by radius over wavelength: steep, a great peak, ripples, 2.
+    ratio = np.array([0.009, 0.01, *np.linspace(0.5, 1.5, 101), 100.0])
+    efficiency = sphere_scattering(1.333, 2 * np.pi * ratio, np.zeros(1)).scattering_efficiency
+    slope = np.log(efficiency[1] / efficiency[0]) / np.log(ratio[1] / ratio[0])
+    assert slope == pytest.approx(4, abs=0.01)
+    peak = np.argmax(efficiency[2:-1]) + 2
+    assert ratio[peak] == pytest.approx(1.03, abs=0.01)
+    assert efficiency[peak] == pytest.approx(3.98, abs=0.01)
+    # Beyond the edge of geometrical optics: 2 + 2 x^(-2/3) and ripples of the same size.
+    assert abs(efficiency[-1] - 2) < 4 * (200 * np.pi) ** (-2 / 3)
+
+
 def test_intensities_are_those_of_miepython_itself():
     x, angle = np.array([0.05, 1.0, 30.0, 200.0]), np.radians([0.0, 1.0, 40.0, 120.0, 180.0])
     found = sphere_scattering(1.5 - 0.02j, x, angle).intensity
