@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from atmofit.checks import angle_in_range, choice, in_range, is_traced
 from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.fit import few_parameters
+from atmofit.fit.ranges import Ranges, Values, even_places, log_ratio, table_of
 from atmofit.geometry import HORIZON, Directions, scattering_angle
 from atmofit.media.doubling import doublings_for
 from atmofit.media.slab import SMALLEST_COSINE, lit_and_seen
@@ -27,22 +28,22 @@ from atmofit.optics.phase import HenyeyGreenstein
 from atmofit.typing import Reals, RealsLike, Scalar, real_array
 
 ORDERS = ("single", "all")
-# The depth is searched by its logarithm, the others evenly.
-RANGES = {
-    "optical_depth": (1e-3, 100.0),
-    "single_scattering_albedo": (0.0, 1.0),
-    "backward_weight": (0.0, 1.0),
-    "forward_asymmetry": (0.0, 0.95),
-    "backward_asymmetry": (-0.95, 0.0),
-}
-NAMES = tuple(RANGES)
-PLAN = SlabPlan(16, 16, doublings_for(RANGES["optical_depth"][1], 16))
+RANGES = Ranges(
+    (
+        ("optical_depth", 1e-3, 100.0),
+        ("single_scattering_albedo", 0.0, 1.0),
+        ("backward_weight", 0.0, 1.0),
+        ("forward_asymmetry", 0.0, 0.95),
+        ("backward_asymmetry", -0.95, 0.0),
+    ),
+    logarithmic=("optical_depth",),
+)
+NAMES = RANGES.names
+PLAN = SlabPlan(16, 16, doublings_for(100.0, 16))
 MAX_STEPS = 100
 _CANDIDATES = 128  # places where the misfit is looked at before the searches
 _LINEAR_BELOW = 0.01  # of the measured: where the logarithm goes on as its tangent
-_LEFT_OPEN = 0.25  # standard error over half the range, from which data say nothing
 _SLACK = 1e-3  # of a cosine, for rounded angles
-_Values = dict[str, Scalar]
 
 
 class SlabView(eqx.Module):
@@ -182,10 +183,7 @@ class DustFit(eqx.Module):
     def __str__(self) -> str:
         """Values, errors, and what is not determined."""
         lines = [f"{self.orders} scattering, reduced chi-square {self.reduced_chi_square:.2f}"]
-        for name, value, error in zip(NAMES, self.values, self.standard_error, strict=True):
-            note = "known" if name not in self.free else f"± {error:.2g}"
-            left = " (not determined)" if name in self.undetermined else ""
-            lines.append(f"  {name:25} {value:8.4g} {note}{left}")
+        lines += table_of(NAMES, self.values, self.standard_error, self.free, self.undetermined)
         return "\n".join([*lines, f"  condition number {self.condition_number:.3g}"])
 
 
@@ -237,8 +235,8 @@ def fit_dust(
             f"radiance and relative_noise must fit the {view.view_cosine.size} geometries, "
             f"got shapes {measured.shape} and {noise.shape}"
         )
-    given = _checked_known({} if known is None else known)
-    free = tuple(name for name in NAMES if name not in given)
+    given = RANGES.checked(known)
+    free = RANGES.free(given)
     if measured.size < len(free):
         raise ValueError(
             f"radiance must be at least {len(free)} for {len(free)} free parameters, "
@@ -252,39 +250,29 @@ def fit_dust(
     return DustFit(**found, free=free, orders=orders, plan=plan)
 
 
-def _checked_known(known: Mapping[str, RealsLike]) -> _Values:
-    for name in known:
-        choice("a name in known", name, NAMES)
-    if len(known) == len(NAMES):
-        raise ValueError(f"known must leave a parameter to be sought, got all of {NAMES}")
-    return {name: in_range(name, x, *RANGES[name]).reshape(()) for name, x in known.items()}
-
-
 @eqx.filter_jit
 def _fit(
     view: SlabView,
     measured: Float[Array, " n"],
     noise: Reals,
-    known: _Values,
+    known: Values,
     orders: str,
     starts: int,
     plan: SlabPlan,
     max_steps: int,
 ) -> dict[str, Array]:
-    free = tuple(name for name in NAMES if name not in known)
-
-    def values_at(place: Reals) -> _Values:
-        return known | dict(zip(free, _sought(place, free), strict=True))
+    count = len(RANGES.free(known))
 
     def residuals(place: Reals) -> Reals:
-        return _log(_model(values_at(place), view, orders, plan) / measured) / noise
+        ratio = _model(RANGES.at(place, known), view, orders, plan) / measured
+        return log_ratio(ratio, _LINEAR_BELOW) / noise
 
-    table = jnp.asarray(_even_places(len(free)), measured.dtype)
+    table = jnp.asarray(even_places(count, _CANDIDATES), measured.dtype)
     loss = jax.lax.map(lambda place: jnp.sum(residuals(place) ** 2), table, batch_size=8)
     best = jax.lax.top_k(-jnp.where(jnp.isfinite(loss), loss, jnp.inf), starts)[1]
     weight = jnp.sqrt(jnp.sum(jnp.broadcast_to(noise, measured.shape) ** -2))
     rounding = few_parameters.rounding_of(weight, float(jnp.finfo(measured.dtype).eps))
-    size = jnp.full(len(free), weight)
+    size = jnp.full(count, weight)
 
     def search(place: Reals) -> tuple[few_parameters.Valley, Array, Array]:
         # Second derivatives find the floor where single scattering does not hold the data; of all
@@ -298,29 +286,7 @@ def _fit(
     # A search that never could begin ends where it knows nothing.
     begun = jnp.isfinite(loss[best[at]])
     end = jax.tree.map(lambda leaf: jnp.where(begun, leaf[at], jnp.nan), ends)
-    return _worth(end, known, free) | {"converged": converged[at], "steps": jnp.sum(steps)}
-
-
-def _worth(end: few_parameters.Valley, known: _Values, free: tuple[str, ...]) -> dict[str, Array]:
-    """What the end of a search says."""
-    sought = _sought(end.place, free)
-    values = known | dict(zip(free, sought, strict=True))
-    every = jnp.stack([values[name] for name in NAMES])
-    covariance, condition = _covariance(end.slope)
-    told = (jnp.sqrt(jnp.diagonal(covariance)) < _LEFT_OPEN) & ~end.at_end
-    per_place = _per_place(sought, free)
-    covariance = per_place[:, None] * covariance * per_place[None, :]
-    left = end.residuals.size - len(free)
-    chosen = np.array([NAMES.index(name) for name in free])
-    return {
-        "values": every,
-        "standard_error": jnp.zeros_like(every).at[chosen].set(jnp.sqrt(jnp.diagonal(covariance))),
-        "covariance": jnp.zeros((5, 5), every.dtype).at[np.ix_(chosen, chosen)].set(covariance),
-        "condition_number": condition,
-        "determined": jnp.ones(5, bool).at[chosen].set(told),
-        "residuals": end.residuals,
-        "reduced_chi_square": end.loss / left if left else jnp.full_like(end.loss, jnp.nan),
-    }
+    return RANGES.worth(end, known) | {"converged": converged[at], "steps": jnp.sum(steps)}
 
 
 @eqx.filter_jit
@@ -329,14 +295,14 @@ def _predict(values: Reals, view: SlabView, orders: str, plan: SlabPlan) -> Real
     return _model(dict(zip(NAMES, values, strict=True)), view, orders, plan)
 
 
-def _phase(values: _Values) -> PhaseSum:
+def _phase(values: Values) -> PhaseSum:
     weight = values["backward_weight"]
     ahead, behind = values["forward_asymmetry"], values["backward_asymmetry"]
     lobes = HenyeyGreenstein(ahead), HenyeyGreenstein(behind)
     return PhaseSum(jnp.stack([1 - weight, weight]), lobes)
 
 
-def _model(values: _Values, view: SlabView, orders: str, plan: SlabPlan) -> Reals:
+def _model(values: Values, view: SlabView, orders: str, plan: SlabPlan) -> Reals:
     """Radiance over irradiance [1/sr]."""
     depth, albedo = values["optical_depth"], values["single_scattering_albedo"]
     if orders == "single":
@@ -354,60 +320,6 @@ def _model(values: _Values, view: SlabView, orders: str, plan: SlabPlan) -> Real
     )
     # Of every view under every sun, those that were measured; most of the work is the slab's.
     return jnp.diagonal(solved.radiance(Directions(zenith, view.relative_azimuth())))
-
-
-def _sought(place: Reals, free: tuple[str, ...]) -> Reals:
-    """Parameters of places from -1 to 1."""
-
-    def value(x: Scalar, name: str) -> Scalar:
-        low, high = RANGES[name]
-        if name == "optical_depth":
-            part = math.log(high / low) * (x + 1) / 2
-            return jnp.clip(low * jnp.exp(part), low, high)
-        return jnp.clip(low + (high - low) * (x + 1) / 2, low, high)
-
-    return jnp.stack([value(x, name) for x, name in zip(place, free, strict=True)])
-
-
-def _per_place(values: Reals, free: tuple[str, ...]) -> Reals:
-    """Derivatives of parameters by their places, also at the ends."""
-
-    def slope(value: Scalar, name: str) -> Scalar:
-        low, high = RANGES[name]
-        if name == "optical_depth":
-            return value * (math.log(high / low) / 2)
-        return jnp.full_like(value, (high - low) / 2)
-
-    return jnp.stack([slope(value, name) for value, name in zip(values, free, strict=True)])
-
-
-def _log(ratio: Reals) -> Reals:
-    """Logarithm, below 1 % its tangent there, so that a dark model has a finite misfit."""
-    low = ratio < _LINEAR_BELOW
-    tangent = math.log(_LINEAR_BELOW) + (ratio / _LINEAR_BELOW - 1)
-    return jnp.where(low, tangent, jnp.log(jnp.where(low, 1.0, ratio)))
-
-
-def _covariance(jacobian: Float[Array, "n p"]) -> tuple[Float[Array, "p p"], Scalar]:
-    """Inverse of J^T J, and the condition number of J with columns of unit length."""
-    norm = jnp.sqrt(jnp.sum(jacobian**2, axis=0))
-    told = norm > 0
-    unit = jnp.where(told, norm, 1.0)
-    _, stretch, axes = jnp.linalg.svd(jacobian / unit[None, :], full_matrices=False)
-    least = float(jnp.finfo(jacobian.dtype).eps)
-    stretch = jnp.maximum(stretch, least * stretch[0] + float(jnp.finfo(stretch.dtype).tiny))
-    # A parameter that changes nothing has no error to speak of; let it be as large as can be.
-    per_unit = axes / jnp.where(told, norm, least)[None, :] / stretch[:, None]
-    return per_unit.T @ per_unit, stretch[0] / stretch[-1]
-
-
-def _even_places(dimensions: int) -> np.ndarray:
-    """Places from -.95 to .95 that fill a cube evenly: multiples of powers of a golden ratio."""
-    ratio = 2.0
-    for _ in range(60):
-        ratio = (1 + ratio) ** (1 / (dimensions + 1))
-    steps = ratio ** -np.arange(1.0, dimensions + 1)
-    return 0.95 * (2 * ((0.5 + np.arange(1, _CANDIDATES + 1)[:, None] * steps) % 1) - 1)
 
 
 extremes(

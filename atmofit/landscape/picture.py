@@ -125,7 +125,9 @@ def _render(
         hits = intersect(terrain, view, number * tile + jnp.arange(tile))
         ground = _ground(terrain, view, light, hits, lit, slopes, albedo)
         seen = _through_air(light, hits, ground, plan, air, ambient)
-        sky = _sky(light, hits)
+        azimuth = (hits.azimuth - light.solar_azimuth)[:, None]
+        zenith = hits.view_zenith_angle
+        sky = sky_behind(light, zenith, jnp.broadcast_to(azimuth, zenith.shape))
         radiance = jnp.where(hits.is_ground[..., None], seen, sky)
         return radiance @ weights, jnp.where(hits.is_ground, hits.length, jnp.inf)
 
@@ -186,15 +188,24 @@ def _through_air(
     return radiance * transmittance + added
 
 
-def _sky(light: Light, hits: Hits) -> Float[Array, "column row w"]:
-    """Radiance of sky and sun; at the horizon for rays that lead below it."""
-    view = jnp.minimum(hits.view_zenith_angle, HORIZON)
-    azimuth = jnp.broadcast_to((hits.azimuth - light.solar_azimuth)[:, None], view.shape)
-    radiance = light.sky(Directions(view.ravel(), azimuth.ravel())).astype(view.dtype)
-    angle = scattering_angle(view, azimuth, light.around.solar_zenith_angle)
+def sky_behind(light: Light, view_zenith_angle: Reals, relative_azimuth: Reals) -> Reals:
+    """Radiance of sky and sun, per unit of the sun's irradiance above the air [1/sr].
+
+    Args:
+        light: Of a landscape.
+        view_zenith_angle: Of lines of sight [rad]; at the horizon for those that lead below it.
+        relative_azimuth: From the sun [rad], in the same shape.
+
+    Returns:
+        [..., wavelength].
+    """
+    view = jnp.minimum(view_zenith_angle, HORIZON)
+    directions = Directions(view.ravel(), relative_azimuth.ravel())
+    radiance = light.sky(directions).astype(view.dtype)
+    angle = scattering_angle(view, relative_azimuth, light.around.solar_zenith_angle)
     disk = light.around.sun_irradiance / (jnp.pi * _SUN_RADIUS**2)
-    inside = (angle < _SUN_RADIUS) & (hits.slope > 0)
-    return radiance.reshape(*view.shape, -1) + jnp.where(inside[..., None], disk[None, None], 0.0)
+    inside = (angle < _SUN_RADIUS) & (view_zenith_angle < HORIZON)
+    return radiance.reshape(*view.shape, -1) + jnp.where(inside[..., None], disk, 0.0)
 
 
 def sunlight_weights(
