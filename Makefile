@@ -30,8 +30,8 @@ lint: $(STAMP)  ## Check style, formatting and types
 	$(BIN)/ruff format --check
 	$(BIN)/basedpyright
 
-stability: $(STAMP)  ## Try every function at its extremes: runs/stability/table.md
-	$(BIN)/python -m atmofit.stability
+stability: $(STAMP)  ## Try every function at its extremes: runs/stability/stability.md
+	$(BIN)/atmofit stability
 
 bench: $(STAMP)  ## Time the ladder of plans on the reference job, with errors, next to the exact oracle
 	$(BIN)/python experiments/benchmark.py

@@ -13,6 +13,7 @@ import jax
 import tyro
 
 from atmofit.cli_sky import Sky
+from atmofit.cli_stability import Stability
 from atmofit.cli_turbidity import Turbidity
 from atmofit.fit.comparison import compare
 from atmofit.fit.pieces import DamagedPieceWarning
@@ -206,7 +207,7 @@ class Check:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; 0, or 2 after one line that says what was wrong."""
+    """Run a command; its status, or 2 after one line that says what was wrong."""
     use_compilation_cache()
     jax.config.update("jax_enable_x64", True)
     commands = {
@@ -215,14 +216,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "sky": Sky,
         "turbidity": Turbidity,
         "export": Export,
+        "stability": Stability,
     }
     command = tyro.extras.subcommand_cli_from_dict(commands, prog="atmofit", args=arguments)
     try:
-        command.run()
+        return command.run() or 0
     except (ValueError, OSError, ImportError) as error:
         print(f"atmofit: {error}", file=sys.stderr)
         return 2
-    return 0
 
 
 def use_compilation_cache() -> None:

@@ -1,4 +1,4 @@
-"""Where a function might break, declared beside it; `python -m atmofit.stability` tries it out.
+"""Where a function might break, declared beside it; `atmofit stability` tries it out.
 
 Plain notes: nothing is evaluated here, so that a declaration costs nothing on import.
 """
@@ -60,6 +60,7 @@ class Declaration:
         cases: Named cases.
         derivative: "reverse", "forward" or "none": how the slopes are taken.
         heavy: Whether it takes long to compile, so that only the command looks at it.
+        least: No value may lie below it; None: values of either sign.
     """
 
     subject: Any
@@ -69,6 +70,7 @@ class Declaration:
     cases: tuple[Case, ...]
     derivative: str
     heavy: bool
+    least: float | None
 
     @property
     def name(self) -> str:
@@ -86,6 +88,7 @@ def extremes(
     call: Callable[..., Any] | None = None,
     derivative: str = "reverse",
     heavy: bool = False,
+    least: float | None = None,
     **spans: Span,
 ) -> Callable[[Subject], Subject]:
     """Declare the extremes of the function or class below.
@@ -99,6 +102,7 @@ def extremes(
         call: What to call with the arguments, if not the function itself.
         derivative: "reverse", "forward" or "none".
         heavy: It takes long to compile: only the command looks at it, not the tests.
+        least: No value may lie below it, as light is not negative.
         **spans: A `Span` or `Domain` for each argument.
 
     Returns:
@@ -116,7 +120,9 @@ def extremes(
 
     def declare(subject: Subject) -> Subject:
         function = subject if call is None else call
-        DECLARATIONS.append(Declaration(subject, part, function, spans, cases, derivative, heavy))
+        DECLARATIONS.append(
+            Declaration(subject, part, function, spans, cases, derivative, heavy, least)
+        )
         return subject
 
     return declare

@@ -1,17 +1,17 @@
 """The stability table: every declared function at its extremes, in float32 and in float64.
 
-`python -m atmofit.stability` writes runs/stability/table.md and table.json and exits with 1 if a
-check fails. What is checked stands beside the functions, see `atmofit.extremes`.
+`atmofit stability` writes it and exits with 1 if a check fails. What is checked stands beside the
+functions, see `atmofit.extremes`.
 """
 
 import dataclasses
 import importlib
 import json
 import pkgutil
-import sys
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,11 +19,11 @@ import numpy as np
 
 import atmofit
 from atmofit.extremes import DECLARATIONS, Case, Declaration, Domain, Numbers, Span
-from atmofit.io import output_folder, replace_file
+from atmofit.io import replace_file
 from atmofit.typing import Reals
 
 DTYPES = ("float32", "float64")
-OUT = Path("runs/stability")
+Program = Callable[[dict[str, Reals]], tuple[Reals, dict[str, Reals]]]
 _TINY = 1e-30  # a normal number in float32 too
 _HUGE = 1e30  # stands for an end at infinity
 _WIDE = 1e3  # spans with a larger ratio of their ends have their geometric mean as middle
@@ -65,7 +65,7 @@ def cases_inside(declaration: Declaration) -> list[Case]:
     """The named cases, and those that the spans imply."""
     found = [Case("middle of every span", {})]
     for name, span in declaration.spans.items():
-        low, high = _ends(span)
+        low, high = ends(span)
         found += [Case(f"{name} lowest", {name: low}), Case(f"{name} highest", {name: high})]
         for word, number in (("zero", 0.0), ("tiny", _TINY)):
             inside = np.clip(number, low, high)
@@ -73,7 +73,7 @@ def cases_inside(declaration: Declaration) -> list[Case]:
                 found.append(Case(f"{name} {word}", {name: inside}))
     if len(declaration.spans) > 1:
         for word, end in (("lowest", 0), ("highest", 1)):
-            corner = {name: _ends(span)[end] for name, span in declaration.spans.items()}
+            corner = {name: ends(span)[end] for name, span in declaration.spans.items()}
             found.append(Case(f"every argument {word}", corner))
     return found + list(declaration.cases)
 
@@ -110,12 +110,14 @@ def run(declaration: Declaration, dtype: str) -> list[Check]:
             name: jnp.asarray(np.stack([row[name] for row in rows]), dtype)
             for name in declaration.spans
         }
-        values, slopes = jax.tree.map(np.asarray, _evaluate(declaration, stacked))
+        values, slopes = jax.tree.map(np.asarray, program(declaration)(stacked))
         checks: list[Check] = []
         for k, case in enumerate(inside):
             of_case = {name: slope[k] for name, slope in slopes.items()}
-            for what, passed, found, error in _judge(case, values[k], of_case, dtype):
-                checks.append(Check(declaration.name, case.name, dtype, what, passed, found, error))
+            for line in judged(declaration, values[k], of_case):
+                checks.append(Check(declaration.name, case.name, dtype, *line))
+            for line in _against_limits(case, values[k], of_case, dtype):
+                checks.append(Check(declaration.name, case.name, dtype, *line))
         for k, case in enumerate(beyond, start=len(inside)):
             nan = bool(np.isnan(values[k]).any())
             checks.append(
@@ -128,8 +130,11 @@ def run(declaration: Declaration, dtype: str) -> list[Check]:
     return checks
 
 
-def _evaluate(declaration: Declaration, stacked: dict[str, Reals]) -> tuple[Reals, dict]:
-    """Values [case, output] and slopes by argument [case, output, argument's axes]."""
+def program(declaration: Declaration) -> Program:
+    """Values [case, output] and slopes by argument [case, output, argument's axes] of many cases.
+
+    Compiled once for each number of cases and precision.
+    """
 
     def flat(arguments: dict[str, Reals]) -> Reals:
         out = declaration.call(**arguments)
@@ -137,32 +142,52 @@ def _evaluate(declaration: Declaration, stacked: dict[str, Reals]) -> tuple[Real
         return jnp.concatenate([jnp.ravel(leaf) for leaf in leaves])
 
     if declaration.derivative == "none":
-        return jax.jit(jax.vmap(flat))(stacked), {}
+        alone = jax.jit(jax.vmap(flat))
+        return lambda stacked: (alone(stacked), {})
     if declaration.derivative == "reverse":
-        slopes, values = jax.jit(jax.vmap(jax.jacrev(lambda at: (flat(at),) * 2, has_aux=True)))(
-            stacked
-        )
-        return values, slopes
+        back = jax.jit(jax.vmap(jax.jacrev(lambda at: (flat(at),) * 2, has_aux=True)))
+        return lambda stacked: back(stacked)[::-1]
     # One direction at a time: all at once take longer to compile than these take to run.
     along = jax.jit(jax.vmap(lambda at, along: jax.jvp(flat, (at,), (along,))))
-    still = jax.tree.map(jnp.zeros_like, stacked)
-    values, slopes = along(stacked, still)[0], {}
-    for name, argument in stacked.items():
-        columns = []
-        for entry in np.ndindex(argument.shape[1:]):
-            unit = still[name].at[(slice(None), *entry)].set(1)
-            columns.append(along(stacked, still | {name: unit})[1])
-        slopes[name] = jnp.stack(columns, axis=-1)
-    return values, slopes
+
+    def forward(stacked: dict[str, Reals]) -> tuple[Reals, dict[str, Reals]]:
+        still = jax.tree.map(jnp.zeros_like, stacked)
+        values, slopes = along(stacked, still)[0], {}
+        for name, argument in stacked.items():
+            columns = []
+            for entry in np.ndindex(argument.shape[1:]):
+                unit = still[name].at[(slice(None), *entry)].set(1)
+                columns.append(along(stacked, still | {name: unit})[1])
+            slopes[name] = jnp.stack(columns, axis=-1)
+        return values, slopes
+
+    return forward
 
 
-def _judge(
-    case: Case, value: np.ndarray, slopes: dict[str, np.ndarray], dtype: str
-) -> Iterator[tuple[str, bool, str, float]]:
-    """Whether value and slopes are finite and, where limits are known, right."""
+Line = tuple[str, bool, str, float]  # what was checked, whether it holds, what was found, error
+
+
+def judged(
+    declaration: Declaration, value: np.ndarray, slopes: dict[str, np.ndarray]
+) -> Iterator[Line]:
+    """What has to hold everywhere: all finite, and light not negative."""
     yield ("value finite", *_finite(value))
+    if declaration.least is not None:
+        good = not (value < declaration.least).any()
+        yield (
+            f"value not below {declaration.least:g}",
+            good,
+            _show(value),
+            0.0 if good else np.inf,
+        )
     for name, slope in slopes.items():
         yield (f"slope by {name} finite", *_finite(slope))
+
+
+def _against_limits(
+    case: Case, value: np.ndarray, slopes: dict[str, np.ndarray], dtype: str
+) -> Iterator[Line]:
+    """Whether value and slopes are right where they are known."""
     tolerance = case.ulps * float(np.finfo(dtype).eps) + case.rtol
     if case.limit is not None:
         yield ("value is the limit", *_close(value, case.limit, tolerance, case.size))
@@ -205,13 +230,13 @@ def _arguments(declaration: Declaration, case: Case) -> dict[str, np.ndarray]:
 
 
 def _middle(span: Span) -> np.ndarray:
-    low, high = _ends(span)
+    low, high = ends(span)
     wide = (low > 0) & (high > _WIDE * low)
     root = np.sqrt(np.where(wide, low, 1.0)) * np.sqrt(np.where(wide, high, 1.0))
     return np.where(wide, root, low / 2 + high / 2)
 
 
-def _ends(span: Span) -> tuple[np.ndarray, np.ndarray]:
+def ends(span: Span) -> tuple[np.ndarray, np.ndarray]:
     """Both ends, with large numbers in place of infinity."""
     low, high = (
         np.asarray(np.clip(np.asarray(end, float), -_HUGE, _HUGE)) for end in (span.low, span.high)
@@ -246,42 +271,35 @@ def summary(checks: Iterable[Check]) -> list[tuple[str, int, int, str]]:
     return lines
 
 
-def write_tables(folder: Path, checks: list[Check]) -> None:
-    """Write table.md and table.json, each whole or not at all."""
+def write_tables(folder: Path, checks: list[Check], **more: Any) -> None:
+    """Write stability.md and stability.json, each whole or not at all.
+
+    Args:
+        folder: Exists.
+        checks: All lines.
+        **more: Goes into the JSON file too.
+    """
+    failed = sum(not c.passed for c in checks)
     head = "| function | case | dtype | check | | found |\n|---|---|---|---|---|---|\n"
     rows = [
         f"| {c.function} | {c.case} | {c.dtype} | {c.what} | "
         f"{'ok' if c.passed else '**FAILS**'} | {c.found.replace('|', '/')} |\n"
-        for c in checks
+        for c in sorted(checks, key=lambda check: check.passed)
     ]
-    title = f"# Stability: {len(checks)} checks, {sum(not c.passed for c in checks)} failing\n\n"
-    text = title + head + "".join(rows)
-    replace_file(folder / "table.md", lambda path: _write(path, text))
-    listed = [dataclasses.asdict(c) | {"error": min(c.error, _HUGE)} for c in checks]
-    replace_file(folder / "table.json", lambda path: _write(path, json.dumps(listed, indent=1)))
+    worst = "".join(
+        f"| {name} | {count} | {bad} | {words.replace('|', '/')} |\n"
+        for name, count, bad, words in summary(checks)
+    )
+    text = (
+        f"# Stability: {len(checks)} checks, {failed} failing\n\n"
+        f"| function | checks | failing | worst case |\n|---|---|---|---|\n{worst}\n"
+        f"## Every check, failing ones first\n\n{head}{''.join(rows)}"
+    )
+    replace_file(folder / "stability.md", lambda path: _write(path, text))
+    lines = [dataclasses.asdict(c) | {"error": min(c.error, _HUGE)} for c in checks]
+    found = {"checks": len(checks), "failed": failed, **more, "lines": lines}
+    replace_file(folder / "stability.json", lambda path: _write(path, json.dumps(found, indent=1)))
 
 
 def _write(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
-
-
-def main(folder: Path = OUT) -> int:
-    """Make the tables; returns 1 if a check fails."""
-    output_folder(folder)
-    checks: list[Check] = []
-    for declaration in declarations():
-        for dtype in DTYPES:
-            checks += run(declaration, dtype)
-    write_tables(folder, checks)
-    lines = [("function", "checks", "fail", "worst case")]
-    lines += [(name, str(n), str(bad), words) for name, n, bad, words in summary(checks)]
-    wide = max(len(line[0]) for line in lines)
-    for name, n, bad, words in lines:
-        sys.stdout.write(f"{name:{wide}}  {n:>6}  {bad:>4}  {words}\n")
-    failures = sum(not check.passed for check in checks)
-    sys.stdout.write(f"{len(checks)} checks, {failures} failing; all in {folder}/table.md\n")
-    return 1 if failures else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

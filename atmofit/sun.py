@@ -35,6 +35,7 @@ def solar_irradiance_spectrum(preset: str) -> Spectrum:
 extremes(
     call=lambda wavelength_nm: solar_irradiance_spectrum("preetham1999")(wavelength_nm),
     wavelength_nm=Domain(380.0, 780.0),
+    least=0.0,
 )(solar_irradiance_spectrum)
 
 

@@ -1,14 +1,18 @@
 """The stability table: nothing fails, nothing public is missing, and faults are seen."""
 
+import json
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import atmofit as af
-from atmofit import stability
+from atmofit import cli_stability, stability
 from atmofit.checks import in_range
+from atmofit.cli import main
 from atmofit.extremes import DECLARATIONS, Case, Domain, Span, extremes
+from atmofit.fuzz import POINTS, fuzz, somewhere
 
 # Public names that need no declaration of their own.
 EXEMPT = {
@@ -178,8 +182,8 @@ def test_arrays_and_forward_slopes_agree_with_reverse():
             case, call=lambda x, y: (x[0] * x[1], y * y), derivative=derivative, **spans
         )
         assert not _failures(found, "float64")
-        middle = stability._evaluate(
-            found, {"x": jnp.asarray([[1.0, 2.0]]), "y": jnp.asarray([1.0])}
+        middle = stability.program(found)(
+            {"x": jnp.asarray([[1.0, 2.0]]), "y": jnp.asarray([1.0])}
         )[1]
         np.testing.assert_array_equal(middle["x"], [[[2.0, 1.0], [0.0, 0.0]]])
 
@@ -212,13 +216,46 @@ def test_a_case_of_an_unknown_argument_is_refused():
         extremes(derivative="both", x=Span(0.0, 1.0))
 
 
-def test_tables_and_exit_status(tmp_path, monkeypatch, capsys):
+def test_light_that_is_negative_is_found():
+    dim = _declared(call=lambda x: x - 0.5, least=0.0, x=Span(0.0, 1.0))
+    assert _failures(dim) == {(f"x {end}", "value not below 0") for end in ("lowest", "tiny")}
+
+
+def test_the_command_reports_and_fails(tmp_path, monkeypatch, capsys):
     good = _declared(call=lambda x: x, x=Span(0.0, 1.0))
     bad = _declared(call=lambda x: jnp.sqrt(x), x=Span(0.0, 1.0))
-    monkeypatch.setattr(stability, "declarations", lambda: (good,))
-    assert stability.main(tmp_path) == 0
-    monkeypatch.setattr(stability, "declarations", lambda: (good, bad))
-    assert stability.main(tmp_path) == 1
+    monkeypatch.setattr(cli_stability, "declarations", lambda: (good,))
+    assert main(["stability", "--out", str(tmp_path)]) == 0
+    monkeypatch.setattr(cli_stability, "declarations", lambda: (good, bad))
+    assert main(["stability", "--out", str(tmp_path)]) == 1
     assert "2 failing" in capsys.readouterr().out
-    assert (tmp_path / "table.md").read_text().count("**FAILS**") == 2
-    assert '"passed": false' in (tmp_path / "table.json").read_text()
+    report = json.loads((tmp_path / "stability.json").read_text())
+    assert (report["checks"], report["failed"]) == (len(report["lines"]), 2)
+    assert (tmp_path / "stability.md").read_text().count("**FAILS**") == 2
+    assert main(["stability", "--only", "no such function", "--out", str(tmp_path)]) == 2
+    assert "only must be part of a function's name" in capsys.readouterr().err
+
+
+def test_a_hunt_finds_what_the_ends_do_not_show():
+    # A hole of a thousandth of the span, and a root's slope at 0.
+    hole = _declared(
+        call=lambda x: jnp.where(jnp.abs(x - 0.3) < 5e-3, jnp.nan, x), x=Span(0.0, 1.0)
+    )
+    assert not _failures(hole)
+    hunt = fuzz((hole,), 3.0)
+    assert {check.what for check in hunt.findings} >= {"value finite"}
+    assert abs(float(hunt.findings[0].case.removeprefix("x=")) - 0.3) < 5e-3
+    assert (hunt.functions, hunt.of) == (2, 2)
+    assert hunt.points >= 2 * POINTS
+    sound = _declared(call=lambda x: x * x, least=0.0, x=Span((-1.0, 0.0), (1.0, 1e9)))
+    assert not fuzz((sound,), 1.0).findings
+
+
+def test_equal_seeds_hunt_at_equal_places():
+    span = Span((0.0, 1.0), (1e-30, 1e6))
+    places = [somewhere(span, np.random.default_rng(seed)) for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(places[0], places[1])
+    assert (places[0] != places[2]).any()
+    for low, high, column in zip(span.low, span.high, places[0].T, strict=True):
+        assert (column >= low).all()
+        assert (column <= high).all()

@@ -363,4 +363,5 @@ extremes(
     asymmetry=Domain(-0.999, 0.999),
     single_scattering_albedo=Domain(0.0, 1.0),
     sun_angle=Domain(0.0, math.pi),
+    least=0.0,
 )(path_trace)

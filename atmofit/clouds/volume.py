@@ -254,6 +254,7 @@ extremes(
     radius=Domain(1e-6, LARGEST_LENGTH),
     extinction_coefficient=Domain(0.0, LARGEST_EXTINCTION),
     offset=Span(0.0, 10.0),
+    least=0.0,
 )(homogeneous_sphere)
 
 
@@ -284,6 +285,7 @@ extremes(
     edge=Domain(1e-6, LARGEST_LENGTH),
     extinction_coefficient=Domain(0.0, LARGEST_EXTINCTION),
     offset=Span(0.0, 10.0),
+    least=0.0,
 )(homogeneous_cube)
 
 
@@ -317,6 +319,7 @@ extremes(
     call=lambda extinction_coefficient: _lower_voxel(extinction_coefficient),
     extinction_coefficient=Domain((0.0, 0.0), (LARGEST_EXTINCTION, LARGEST_EXTINCTION)),
     derivative="none",
+    least=0.0,
 )(voxel_cloud)
 
 

@@ -121,24 +121,24 @@ def double(
     )
     # tanh(x) = x / (1 + x^2 / 3), coth(x) = 1 / x + x / 3: off by x^4 / 45, in layers so thin that
     # this is nothing for light that gets far; of the rest doubling forgets it.
-    once, third = a.inverse(), depths[0] ** 2 / 3
-    start = (once + b * third, b - (b @ (once + b * third).inverse() @ b) * third)
+    once = a.inverse()
+    p, q, _, power = _doubled(once, b, depths[0] ** 2 / 3, _power(directions, scattering[0]))
 
-    def step(pair: tuple[Bordered, Bordered], h: Scalar) -> tuple[tuple[Bordered, Bordered], None]:
-        return _doubled(*pair, h**2)[:2], None
+    def step(three: tuple[Bordered, Bordered, _Power], h: Scalar) -> tuple[Any, None]:
+        p, q, power = three
+        p, q, _, power = _doubled(p, q, h**2, power)
+        return (p, q, power), None
 
-    def last_step(
-        three: tuple[Bordered, Bordered, Bordered], h: Scalar
-    ) -> tuple[tuple[Bordered, Bordered, Bordered], None]:
-        p, q, apart = three
-        both, harmonic, between = _doubled(p, q, h**2)
-        return (both, harmonic, apart @ between @ apart), None
+    def last_step(four: tuple[Bordered, Bordered, _Power, Bordered], h: Scalar) -> tuple[Any, None]:
+        p, q, power, apart = four
+        p, q, between, power = _doubled(p, q, h**2, power)
+        return (p, q, power, apart @ between @ apart), None
 
     fading = min(_FADING, doublings)
-    (p, q), _ = jax.lax.scan(step, start, depths[: doublings - fading])
+    (p, q, power), _ = jax.lax.scan(step, (p, q, power), depths[: doublings - fading])
     h = depths[doublings - fading]
-    three = (p, q, p - q * h**2)
-    (p, q, apart), _ = jax.lax.scan(last_step, three, depths[doublings - fading : doublings])
+    four = (p, q, power, p - q * h**2)
+    (p, q, _, apart), _ = jax.lax.scan(last_step, four, depths[doublings - fading : doublings])
     h = depths[doublings]
     # 1 / (1 + beta), and 1 / (1 + alpha) over h.
     opened, shorted = (q * h).plus(1.0).inverse(), p.plus(h).inverse()
@@ -154,24 +154,78 @@ def double(
     return Layer(reflection, transmission, reflection, transmission)
 
 
+class _Power(NamedTuple):
+    """What a matrix makes of light that is alike in all directions, and of its power.
+
+    The least of what Q does, where little is absorbed, and so the first to drown in rounding.
+
+    Attributes:
+        even: Light alike in all directions, [node].
+        lost: What Q makes of it, [node], and [view].
+        seen: Likewise.
+        from_suns: Power that Q takes from each sun's light.
+        suns: Cosine of each.
+    """
+
+    even: Float[Array, " node"]
+    lost: Float[Array, " node"]
+    seen: Float[Array, " view"]
+    from_suns: Float[Array, " sun"]
+    suns: Float[Array, " sun"]
+
+
+def _power(directions: Fan, albedo: Scalar) -> _Power:
+    """Of the generator: all that is lost is absorbed."""
+    nodes, views, suns = directions.cosine
+    absorbed = 1 - albedo
+    even = jnp.sqrt(directions.weight * nodes)
+    return _Power(even, absorbed * even / nodes, absorbed / views, absorbed + 0 * suns, suns)
+
+
 @jax.custom_jvp
-def _doubled(p: Bordered, q: Bordered, square: Scalar) -> tuple[Bordered, Bordered, Bordered]:
-    """P' and Q' of the module, and the inverse of P'."""
+def _doubled(
+    p: Bordered, q: Bordered, square: Scalar, power: _Power
+) -> tuple[Bordered, Bordered, Bordered, _Power]:
+    """P' and Q' of the module, and the inverse of P'; rounding takes no power from Q'."""
     both = p + q * square
     between = both.inverse()
-    return both, q - (q @ between @ q) * square, between
+    left, right = (q @ between) * square, (between @ q) * square
+    even, lost, seen, from_suns, suns = power
+    seen = seen - (left.below[0] @ lost + left.views * seen)
+    from_suns = from_suns - (lost @ right.beside[0] + right.suns * from_suns)
+    lost = lost - left.nodes[0] @ lost
+    found = q - left @ q
+    unit = even / jnp.sum(even**2)
+    nodes = lost - found.nodes[0] @ even
+    nodes = jnp.outer(nodes - unit * (nodes @ even) / 2, unit)
+    below = jnp.outer(seen - found.views - found.below[0] @ even, unit)
+    beside = jnp.outer(unit, from_suns - suns * found.suns - even @ found.beside[0])
+    found = Bordered(
+        found.nodes.at[0].add(nodes + nodes.T),
+        found.below.at[0].add(below),
+        found.beside.at[0].add(beside),
+        found.corner,
+        found.views,
+        found.suns,
+    )
+    return both, found, between, _Power(even, lost, seen, from_suns, suns)
 
 
 @_doubled.defjvp
 def _slope_of_doubled(values: tuple[Any, ...], slopes: tuple[Any, ...]) -> tuple[Any, Any]:
-    """By half the products that slopes of each factor and of the inverse would take."""
-    (_, q, square), (dp, dq, dsquare) = values, slopes
-    both, found, between = _doubled(*values)
+    """By half the products that slopes of each factor and of the inverse would take.
+
+    The power only takes rounding away, and has no slope.
+    """
+    (_, q, square, _), (dp, dq, dsquare, _) = values, slopes
+    both, found, between, power = _doubled(*values)
     left, right = q @ between, between @ q
     dboth = dp + dq * square + q * dsquare
     change = dq @ right + left @ (dq - dboth @ right)
     dfound = dq - (q @ right) * dsquare - change * square
-    return (both, found, between), (dboth, dfound, (between @ dboth @ between) * -1.0)
+    still = jax.tree.map(jnp.zeros_like, power)
+    dbetween = (between @ dboth @ between) * -1.0
+    return (both, found, between, power), (dboth, dfound, dbetween, still)
 
 
 def _generator(directions: Fan, functions: tuple[Reals, Reals], scattering: Reals) -> Bordered:

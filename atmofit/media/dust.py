@@ -27,6 +27,7 @@ _DEEP = 1e3  # slant optical depth beyond which its width is an endless slab's
     Case("thin air", {"volume_fraction": 0.0, "optical_depth": 1.0}, 1.0, {"volume_fraction": 1.0}),
     optical_depth=Domain(0.0, THICKEST),
     volume_fraction=Domain(0.0, DENSEST),
+    least=0.0,
 )
 def dense_optical_depth(optical_depth: RealsLike, volume_fraction: RealsLike) -> Reals:
     """Optical depth of particles that cannot overlap, tau / (1 - D) [-].
@@ -53,6 +54,7 @@ def dense_optical_depth(optical_depth: RealsLike, volume_fraction: RealsLike) ->
     Case("dense", {"expected_count": 1.0, "volume_fraction": 0.5}, limit=math.exp(-2)),
     expected_count=Domain(0.0, THICKEST),
     volume_fraction=Domain(0.0, DENSEST),
+    least=0.0,
 )
 def empty_probability(expected_count: RealsLike, volume_fraction: RealsLike = 0.0) -> Reals:
     """Probability [-] that no particle's centre lies in a volume V, exp(-n V / (1 - D)).
@@ -82,6 +84,7 @@ def empty_probability(expected_count: RealsLike, volume_fraction: RealsLike = 0.
     optical_depth=Domain(0.0, THICKEST),
     view_cosine=Domain(SMALLEST_COSINE, 1.0),
     forward_scattering=Domain(0.0, 1.0),
+    least=0.0,
 )
 def slab_transparency(
     optical_depth: RealsLike, view_cosine: RealsLike, forward_scattering: RealsLike = 0.0
@@ -133,6 +136,7 @@ extremes(
     brightness=Span(0.0, 1e30),
     transparency=Domain(0.0, 1.0),
     background=Span(0.0, 1e30),
+    least=0.0,
 )(over_background)
 
 
@@ -142,6 +146,7 @@ extremes(
     Case("full moon's centre", {"view_cosine": 1.0, "solar_cosine": 1.0}, limit=0.5),
     view_cosine=Domain(SMALLEST_COSINE, 1.0),
     solar_cosine=Domain(-1.0, 1.0),
+    least=0.0,
 )
 def hapke_irvine(view_cosine: RealsLike, solar_cosine: RealsLike) -> Reals:
     """How much of an infinitely deep slab is lit and seen, mu0 / (mu0 + mu) [-]; 0 at night.
@@ -177,6 +182,7 @@ def hapke_irvine(view_cosine: RealsLike, solar_cosine: RealsLike) -> Reals:
     view_cosine=Domain(SMALLEST_COSINE, 1.0),
     phase_angle=Domain(0.0, math.pi),
     volume_fraction=Domain(0.0, DENSEST),
+    least=0.0,
 )
 def opposition_factor(
     optical_depth: RealsLike,
@@ -282,6 +288,7 @@ extremes(
     phase_angle=Domain(0.0, math.pi),
     albedo=Domain(0.0, 1.0),
     g=Domain(-0.999, 0.999),
+    least=0.0,
 )(slab_brightness)
 
 

@@ -51,6 +51,7 @@ extremes(
     Case("white", {"cosine": 1.0, "single_scattering_albedo": 1.0}, limit=2.9078104, rtol=1e-5),
     cosine=Domain(0.0, 1.0),
     single_scattering_albedo=Domain(0.0, 1.0),
+    least=0.0,
 )(h_function)
 
 
@@ -88,6 +89,7 @@ extremes(
     view_cosine=Domain(0.0, 1.0),
     solar_cosine=Domain(0.0, 1.0),
     single_scattering_albedo=Domain(0.0, 1.0),
+    least=0.0,
 )(half_space_radiance)
 
 

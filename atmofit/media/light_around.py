@@ -221,4 +221,5 @@ extremes(
     view_zenith_angle=Span(0.0, math.pi),
     relative_azimuth=Span(-10.0, 10.0),
     heavy=True,
+    least=0.0,
 )(light_around)

@@ -151,6 +151,7 @@ extremes(
     view_cosine=Domain(SMALLEST_COSINE, 1.0),
     solar_cosine=Domain(-1.0, 1.0),
     phase_angle=Domain(0.0, math.pi),
+    least=0.0,
 )(ring_brightness)
 extremes(
     Case("at a knot", {"radius": 1.5e8}, limit=(1, 0.5, 0.25)),

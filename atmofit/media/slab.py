@@ -42,6 +42,7 @@ THICKEST = 1e6
     optical_depth=Domain(0.0, THICKEST),
     view_cosine=Domain(SMALLEST_COSINE, 1.0),
     solar_cosine=Domain(-1.0, 1.0),
+    least=0.0,
 )
 def slab_single_scattering(
     optical_depth: RealsLike, view_cosine: RealsLike, solar_cosine: RealsLike

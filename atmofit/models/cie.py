@@ -77,6 +77,7 @@ extremes(
     view_zenith_angle=Domain(0.0, HORIZON),
     scattering_angle=Domain(0.0, math.pi),
     solar_zenith_angle=Domain(0.0, HORIZON),
+    least=0.0,
 )(cie_general_sky)
 
 
@@ -120,6 +121,7 @@ extremes(
     view_zenith_angle=Domain(0.0, HORIZON),
     scattering_angle=Domain(0.0, math.pi),
     solar_zenith_angle=Domain(0.0, HORIZON),
+    least=0.0,
 )(cie_clear_sky)
 
 
@@ -127,6 +129,7 @@ extremes(
     Case("zenith", {"view_zenith_angle": 0.0}, limit=1.0, slope={"view_zenith_angle": 0.0}),
     Case("horizon", {"view_zenith_angle": math.pi / 2}, limit=1 / 3),
     view_zenith_angle=Domain(0.0, HORIZON),
+    least=0.0,
 )
 def cie_overcast_sky(view_zenith_angle: RealsLike) -> Reals:
     """Luminance of the CIE's overcast sky over that at the zenith.

@@ -83,4 +83,5 @@ extremes(
     x=Span(0.0, 0.75),
     y=Span(0.0, 0.85),
     Y=Span(0.0, 1e6),
+    least=0.0,
 )(daylight_spectrum)

@@ -72,4 +72,5 @@ extremes(
     solar_zenith_angle=Span(0.0, HORIZON),
     view_zenith_angle=Span(0.0, HORIZON),
     relative_azimuth=Span(0.0, 3.0),
+    least=0.0,
 )(hazy_sky_xyY)

@@ -217,10 +217,12 @@ extremes(
     solar_zenith_angle=Domain(0.0, HORIZON),
     view_zenith_angle=Domain(0.0, HORIZON),
     azimuth=Domain(-np.inf, np.inf),
+    least=0.0,
 )(PreethamModel)
 extremes(
     part="zenith",
     call=lambda turbidity, solar_zenith_angle: PREETHAM_1999.zenith(turbidity, solar_zenith_angle),
     turbidity=Domain(1.7, 10.0),
     solar_zenith_angle=Domain(0.0, HORIZON),
+    least=0.0,
 )(PreethamModel)

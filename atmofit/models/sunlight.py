@@ -46,6 +46,7 @@ class SunTransmittance(eqx.Module):
     Case("overhead", {"solar_zenith_angle": 0.0}, limit=1 / (1 + 0.15 * 93.885**-1.253)),
     Case("horizon", {"solar_zenith_angle": math.pi / 2}, limit=1 / (0.15 * 3.885**-1.253)),
     solar_zenith_angle=Domain(0.0, HORIZON),
+    least=0.0,
 )
 def optical_mass(solar_zenith_angle: RealsLike) -> Reals:
     """Relative optical mass of the air on the way to the sun; 1 overhead, 36.5 at the horizon.
@@ -143,6 +144,7 @@ extremes(
     solar_zenith_angle=Domain(0.0, HORIZON),
     ozone_column=Domain(0.0, _LARGEST_COLUMN),
     water_column=Domain(0.0, _LARGEST_COLUMN),
+    least=0.0,
 )(sun_transmittance)
 
 
@@ -169,6 +171,7 @@ def direct_sun_radiance(turbidity: RealsLike, solar_zenith_angle: RealsLike) -> 
 @extremes(
     turbidity=Domain(MINIMUM_TURBIDITY, MAXIMUM_TURBIDITY),
     solar_zenith_angle=Domain(0.0, HORIZON),
+    least=0.0,
 )
 def direct_sun_xyY(turbidity: RealsLike, solar_zenith_angle: RealsLike) -> Float[Array, "*s 3"]:
     """Chromaticity and luminance of the sun's disk.
@@ -194,4 +197,5 @@ extremes(
     call=lambda turbidity, solar_zenith_angle: direct_sun_radiance(turbidity, solar_zenith_angle),
     turbidity=Domain(MINIMUM_TURBIDITY, MAXIMUM_TURBIDITY),
     solar_zenith_angle=Domain(0.0, HORIZON),
+    least=0.0,
 )(direct_sun_radiance)

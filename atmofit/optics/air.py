@@ -39,6 +39,7 @@ _CARBON_DIOXIDE = Domain(0.0, LARGEST_CARBON_DIOXIDE_PPM)
     ),
     wavelength_nm=_WAVELENGTHS,
     carbon_dioxide_ppm=_CARBON_DIOXIDE,
+    least=0.0,
 )
 def air_refractivity(
     wavelength_nm: RealsLike, carbon_dioxide_ppm: RealsLike = MIDDLE_CARBON_DIOXIDE_PPM
@@ -72,6 +73,7 @@ def air_refractivity(
     ),
     wavelength_nm=_WAVELENGTHS,
     carbon_dioxide_ppm=_CARBON_DIOXIDE,
+    least=0.0,
 )
 def king_factor(
     wavelength_nm: RealsLike, carbon_dioxide_ppm: RealsLike = MIDDLE_CARBON_DIOXIDE_PPM
@@ -94,7 +96,7 @@ def king_factor(
     return 1 + _king_factor_less_1(*_checked(wavelength_nm, carbon_dioxide_ppm))
 
 
-@extremes(wavelength_nm=_WAVELENGTHS, carbon_dioxide_ppm=_CARBON_DIOXIDE)
+@extremes(wavelength_nm=_WAVELENGTHS, carbon_dioxide_ppm=_CARBON_DIOXIDE, least=0.0)
 def air_depolarisation(
     wavelength_nm: RealsLike, carbon_dioxide_ppm: RealsLike = MIDDLE_CARBON_DIOXIDE_PPM
 ) -> Reals:
@@ -115,7 +117,7 @@ def air_depolarisation(
     return 6 * king_less_1 / (10 + 7 * king_less_1)
 
 
-@extremes(wavelength_nm=_WAVELENGTHS, carbon_dioxide_ppm=_CARBON_DIOXIDE)
+@extremes(wavelength_nm=_WAVELENGTHS, carbon_dioxide_ppm=_CARBON_DIOXIDE, least=0.0)
 def rayleigh_cross_section(
     wavelength_nm: RealsLike, carbon_dioxide_ppm: RealsLike = MIDDLE_CARBON_DIOXIDE_PPM
 ) -> Reals:
@@ -143,6 +145,7 @@ def rayleigh_cross_section(
     wavelength_nm=_WAVELENGTHS,
     surface_pressure=Domain(0.0, LARGEST_PRESSURE),
     carbon_dioxide_ppm=_CARBON_DIOXIDE,
+    least=0.0,
 )
 def rayleigh_optical_depth(
     wavelength_nm: RealsLike,

@@ -33,10 +33,9 @@ class Ground(eqx.Module):
         return Ground(checked_spectral("albedo", self.albedo, 0.0, 1.0))
 
 
-extremes(
-    call=lambda albedo: Ground(albedo).checked().albedo,
-    albedo=Domain(0.0, 1.0),
-)(Ground)
+extremes(call=lambda albedo: Ground(albedo).checked().albedo, albedo=Domain(0.0, 1.0), least=0.0)(
+    Ground
+)
 
 
 class Atmosphere(eqx.Module):

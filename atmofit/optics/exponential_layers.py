@@ -186,6 +186,7 @@ extremes(
     scale_height=Domain((SMALLEST_SCALE_HEIGHT,) * 3, (LARGEST_SCALE_HEIGHT,) * 3),
     altitude=Span(0.0, 1e6),
     cosine=Span(0.0, 1.0),
+    least=0.0,
 )(ExponentialLayers)
 
 

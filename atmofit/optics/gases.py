@@ -142,6 +142,7 @@ extremes(
     ),
     optical_depth=Domain(0.0, LARGEST_OPTICAL_DEPTH),
     wavelength_nm=Span(200.0, 3000.0),
+    least=0.0,
 )(Absorber)
 extremes(
     Case("none", {"column_dobson": 0.0}, limit=0.0),
@@ -158,6 +159,7 @@ extremes(
     ),
     column_dobson=Domain(0.0, LARGEST_OZONE_DOBSON),
     wavelength_nm=Domain(380.0, 780.0),
+    least=0.0,
 )(Absorber)
 extremes(
     Case("none", {"column_kg_m2": 0.0}, limit=0.0),
@@ -170,6 +172,7 @@ extremes(
     column_kg_m2=Domain(0.0, LARGEST_WATER_KG_M2),
     airmass=Domain(1.0, _LARGEST_AIRMASS),
     wavelength_nm=Domain(380.0, 780.0),
+    least=0.0,
 )(Absorber)
 extremes(
     Case("vacuum", {"surface_pressure": 0.0}, limit=0.0),
@@ -182,6 +185,7 @@ extremes(
     surface_pressure=Domain(0.0, LARGEST_PRESSURE),
     airmass=Domain(1.0, _LARGEST_AIRMASS),
     wavelength_nm=Domain(380.0, 780.0),
+    least=0.0,
 )(Absorber)
 
 

@@ -129,6 +129,7 @@ extremes(
     optical_depth=Domain(0.0, LARGEST_OPTICAL_DEPTH),
     angstrom_exponent=Domain(-5.0, 5.0),
     wavelength_nm=Span(200.0, 3000.0),
+    least=0.0,
 )(Haze)
 extremes(
     part="parameters",
@@ -137,6 +138,7 @@ extremes(
     ).checked(),
     scale_height=Domain(SMALLEST_SCALE_HEIGHT, LARGEST_SCALE_HEIGHT),
     single_scattering_albedo=Domain(0.0, 1.0),
+    least=0.0,
 )(Haze)
 extremes(
     part="from_turbidity",
@@ -145,6 +147,7 @@ extremes(
     ),
     turbidity=Domain(MINIMUM_TURBIDITY, MAXIMUM_TURBIDITY),
     wavelength_nm=Domain(380.0, 780.0),
+    least=0.0,
 )(Haze)
 
 
@@ -170,4 +173,5 @@ extremes(
     call=lambda angle, wavelength_nm: bullrich_phase()(angle, wavelength_nm),
     angle=Domain(0.0, math.pi),
     wavelength_nm=Span(200.0, 3000.0),
+    least=0.0,
 )(bullrich_phase)

@@ -119,6 +119,7 @@ extremes(
     ),
     optical_depth=Domain(0.0, LARGEST_OPTICAL_DEPTH),
     scale_height=Domain(SMALLEST_SCALE_HEIGHT, LARGEST_SCALE_HEIGHT),
+    least=0.0,
 )(MieOptics)
 
 

@@ -174,6 +174,7 @@ extremes(
     scale_height=Domain(SMALLEST_SCALE_HEIGHT, LARGEST_SCALE_HEIGHT),
     refractive_index=Domain(1.0, 1.01),
     wavelength_nm=Span(200.0, 3000.0),
+    least=0.0,
 )(Molecules)
 extremes(
     Case("none", {"optical_depth": 0.0}, limit=0.0, slope={"optical_depth": 1.0}),
@@ -182,6 +183,7 @@ extremes(
         Molecules(optical_depth).checked().optical_depth_at(optical_depth[None])
     ),
     optical_depth=Domain(0.0, LARGEST_OPTICAL_DEPTH),
+    least=0.0,
 )(Molecules)
 extremes(
     Case("vacuum", {"surface_pressure": 0.0}, limit=0.0),
@@ -191,4 +193,5 @@ extremes(
     ),
     surface_pressure=Domain(0.0, LARGEST_PRESSURE),
     wavelength_nm=Domain(MINIMUM_WAVELENGTH_NM, MAXIMUM_WAVELENGTH_NM),
+    least=0.0,
 )(Molecules)

@@ -29,6 +29,7 @@ _LARGEST_ASYMMETRY = 0.999
 @extremes(
     Case("forward", {"scattering_angle": 0.0}, limit=math.pi, slope={"scattering_angle": -1.0}),
     scattering_angle=Domain(0.0, math.pi),
+    least=0.0,
 )
 def phase_angle(scattering_angle: RealsLike) -> Reals:
     """Phase angle [rad] of a scattering angle [rad]: pi minus it; 0 is back toward the light.
@@ -42,6 +43,7 @@ def phase_angle(scattering_angle: RealsLike) -> Reals:
 @extremes(
     Case("opposition", {"phase_angle": 0.0}, limit=math.pi, slope={"phase_angle": -1.0}),
     phase_angle=Domain(0.0, math.pi),
+    least=0.0,
 )
 def scattering_angle_of_phase_angle(phase_angle: RealsLike) -> Reals:
     """Scattering angle [rad] of a phase angle [rad]: pi minus it; 0 is straight on.
@@ -77,6 +79,7 @@ extremes(
     call=lambda asymmetry, angle: phase_of_phase_angle(HenyeyGreenstein(asymmetry), angle),
     asymmetry=Domain(-_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY),
     angle=Domain(0.0, math.pi),
+    least=0.0,
 )(phase_of_phase_angle)
 
 
@@ -101,6 +104,7 @@ extremes(
         Isotropic().moments(3, angle[None]),
     ),
     angle=Domain(0.0, math.pi),
+    least=0.0,
 )(Isotropic)
 
 
@@ -136,6 +140,7 @@ extremes(
     call=lambda x, angle: LinearPhase(x).checked()(angle),
     x=Domain(-1.0, 1.0),
     angle=Domain(0.0, math.pi),
+    least=0.0,
 )(LinearPhase)
 extremes(
     Case("most", {"x": 1.0}, limit=(1, -1 / 3, 0), slope={"x": (0, -1 / 3, 0)}),
@@ -167,6 +172,7 @@ extremes(
     Case("full moon", {"angle": math.pi}, limit=2 / (3 * math.pi)),
     call=lambda angle: LambertSphere()(angle),
     angle=Domain(0.0, math.pi),
+    least=0.0,
 )(LambertSphere)
 extremes(
     Case("always", {}, limit=(1, -4 / 9, 1 / 16, 0)),
@@ -238,6 +244,7 @@ extremes(
     share=Domain(0.0, 1.0),
     g=Domain(-_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY),
     angle=Domain(0.0, math.pi),
+    least=0.0,
 )(PhaseSum)
 extremes(
     Case("balanced", {"share": 0.5, "g": 0.5}, limit=(1, 0, 0.25, 0)),
@@ -272,6 +279,7 @@ extremes(
     call=lambda g, angle: henyey_greenstein_of_phase_angle(g)(angle),
     g=Domain(-_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY),
     angle=Domain(0.0, math.pi),
+    least=0.0,
 )(henyey_greenstein_of_phase_angle)
 
 

@@ -107,6 +107,7 @@ extremes(
     Case("aside", {"angle": math.pi / 2}, limit=3 / (16 * math.pi)),
     call=lambda angle: Rayleigh()(angle),
     angle=Domain(0.0, math.pi),
+    least=0.0,
 )(Rayleigh)
 extremes(
     Case("none", {"depolarisation": 0.0, "angle": 0.0}, (6 / (16 * math.pi), 1, 0, 0.1, 0)),
@@ -119,6 +120,7 @@ extremes(
     ),
     depolarisation=Domain(0.0, _LARGEST_DEPOLARISATION),
     angle=Domain(0.0, math.pi),
+    least=0.0,
 )(Rayleigh)
 
 
@@ -158,6 +160,7 @@ extremes(
     call=lambda asymmetry, angle: HenyeyGreenstein(asymmetry).checked()(angle),
     asymmetry=Domain(-_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY),
     angle=Domain(0.0, math.pi),
+    least=0.0,
 )(HenyeyGreenstein)
 extremes(
     Case("isotropic", {"asymmetry": 0.0}, limit=(1, 0, 0, 0), slope={"asymmetry": (0, 1, 0, 0)}),
@@ -203,6 +206,7 @@ extremes(
     call=lambda asymmetry, angle: CornetteShanks(asymmetry).checked()(angle),
     asymmetry=Domain(-_LARGEST_ASYMMETRY, _LARGEST_ASYMMETRY),
     angle=Domain(0.0, math.pi),
+    least=0.0,
 )(CornetteShanks)
 extremes(
     Case("Rayleigh's", {"asymmetry": 0.0}, limit=(1, 0, 0.1, 0), size=1.0),
@@ -301,6 +305,7 @@ extremes(
     call=lambda values, angle: TabulatedPhase((0.0, 0.1, 1.0, math.pi), values)(angle),
     values=Span((1e-12,) * 4, (1e12, 1.0, 1.0, 1.0)),
     angle=Domain(0.0, math.pi),
+    least=0.0,
 )(TabulatedPhase)
 
 

@@ -141,6 +141,7 @@ extremes(
     ),
     scale_height=_HEIGHTS,
     **_WHERE,
+    least=0.0,
 )(Exponential)
 
 
@@ -241,6 +242,7 @@ extremes(
     centre=Domain(0.0, 1e5),
     width=_HEIGHTS,
     **_WHERE,
+    least=0.0,
 )(GaussianLayer)
 
 
@@ -334,4 +336,5 @@ extremes(
     derivative="forward",
     relative_density=Domain((1e-6, 0.0, 0.0, 0.0), (np.inf,) * 4),
     **_WHERE,
+    least=0.0,
 )(Profile)

@@ -63,6 +63,7 @@ extremes(
     Case("sea level", {"altitude": 0.0}, limit=0.0, slope={"altitude": 1.0}),
     Case("86 km", {"altitude": 86e3}, limit=84852.0, rtol=1e-6),  # the standard rounds to metres
     altitude=_ALTITUDES,
+    least=0.0,
 )(geopotential_altitude)
 
 
@@ -117,14 +118,17 @@ extremes(
     Case("sea level", {"altitude": 0.0}, limit=288.15, slope={"altitude": -6.5e-3}),
     Case("tropopause", {"altitude": 11e3 * _RADIUS / (_RADIUS - 11e3)}, limit=216.65),
     altitude=_ALTITUDES,
+    least=0.0,
 )(standard_temperature)
 extremes(
     Case("sea level", {"altitude": 0.0}, 101325.0, {"altitude": -101325.0 * _WEIGHT / 288.15}),
     altitude=_ALTITUDES,
+    least=0.0,
 )(standard_pressure)
 extremes(
     Case("sea level", {"altitude": 0.0}, limit=101325.0 * _AVOGADRO / (_GAS_CONSTANT * 288.15)),
     altitude=_ALTITUDES,
+    least=0.0,
 )(standard_number_density)
 
 
@@ -144,6 +148,7 @@ extremes(
     Case("all of it", {"altitude": 0.0}, limit=1.0),
     call=lambda altitude: standard_density_profile().vertical_column(altitude),
     altitude=Span(0.0, 1e6),
+    least=0.0,
 )(standard_density_profile)
 
 

@@ -80,4 +80,5 @@ extremes(
     solar_zenith_angle=Domain(0.0, LATEST_SUN),
     haze_depth=Span(0.0, LARGEST_OPTICAL_DEPTH),
     observer_altitude=Span(0.0, HIGHEST_OBSERVER),
+    least=0.0,
 )(simulate_sun)

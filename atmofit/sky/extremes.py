@@ -160,6 +160,7 @@ for _geometry, _cases, _direction in (
         *_cases,
         _THIN,
         part=f"order 1, {_geometry}",
+        least=0.0,
         call=lambda geometry=_geometry, **at: _sky(**at, geometry=geometry),
         derivative="reverse" if _geometry == "flat" else "forward",
         heavy=_geometry == "pseudo-spherical",
@@ -170,6 +171,7 @@ for _geometry, _cases, _direction in (
         extremes(
             *_cases,
             part=f"{_word}, {_geometry}",
+            least=0.0,
             call=lambda geometry=_geometry, orders=_orders, **at: _sky(
                 **at, geometry=geometry, orders=orders
             ),
@@ -186,6 +188,7 @@ extremes(
     ),
     Case("infrared, end of twilight", {"wavelength_nm": 2500.0, "solar_zenith_angle": LATEST_SUN}),
     part="all orders, real air",
+    least=0.0,
     call=lambda wavelength_nm, surface_pressure, haze_depth, ground_albedo, **at: _looked_at(
         Atmosphere.standard(
             Haze(haze_depth, 1.3), Ground(ground_albedo), surface_pressure, ozone_dobson=None
@@ -209,6 +212,7 @@ extremes(
     Case("jump by a million", {"density": (1e-6, 1e-6, 1.0, 0.0), "gas_depth": 0.0}),
     Case("no gas", {"gas_depth": 0.0} | _LEVEL),
     part="order 1, layers",
+    least=0.0,
     call=_layers,
     derivative="forward",
     heavy=True,
@@ -221,6 +225,7 @@ extremes(
     Case("clear, at the sun", _AT_SUN | {"turbidity": 2.0}),
     Case("clear, level at the setting sun", _LEVEL | {"turbidity": 2.0}),
     part="order 1, turbidity",
+    least=0.0,
     call=lambda turbidity, solar_zenith_angle, view_zenith_angle, azimuth: _looked_at(
         Atmosphere.from_turbidity(turbidity),
         solar_zenith_angle,
@@ -236,6 +241,7 @@ extremes(
 
 extremes(
     Case("clear, level at the setting sun", _LEVEL | {"turbidity": 2.0}),
+    least=0.0,
     call=lambda turbidity, solar_zenith_angle, view_zenith_angle, azimuth: simulate_luminance(
         Atmosphere.from_turbidity(turbidity, "flat"),
         solar_zenith_angle,

@@ -71,6 +71,30 @@ def test_white_slabs_keep_all_light(depth, phase):
     np.testing.assert_allclose(total, 1.0, atol=1e-10)
 
 
+@pytest.mark.parametrize("streams", [8, 32])
+def test_thick_slabs_keep_their_light_in_single_precision(streams):
+    # Through 1e4 comes 1e-4 of the light, which the rounding of 20 doublings must not reach.
+    def through(dtype, albedo, depth):
+        with jax.enable_x64(dtype == "float64"):
+            found = af.solve_slab(
+                optical_depth=jnp.asarray(depth, dtype),
+                single_scattering_albedo=jnp.asarray(albedo, dtype),
+                phase=af.HenyeyGreenstein(jnp.asarray(0.0, dtype)),
+                solar_zenith_angle=jnp.asarray(0.785, dtype),
+                plan=af.SlabPlan(streams, 4, 20),
+            )
+            return float(found.reflectance), float(found.diffuse_transmittance)
+
+    for depth in (1e3, 1e4):
+        reflected, passed = through("float32", 1.0, depth)
+        # A few roundings of a number of size 1.
+        assert abs(1 - reflected - passed) < 1e-6
+        np.testing.assert_allclose(passed, through("float64", 1.0, depth)[1], rtol=5e-3)
+    # Absorption has an error of its own: 1 - albedo in float32.
+    passed = through("float32", 1 - 2.0**-17, 5e3)[1]
+    np.testing.assert_allclose(passed, through("float64", 1 - 2.0**-17, 5e3)[1], rtol=5e-3)
+
+
 def test_white_slab_over_a_white_ground_sends_all_back():
     found = solve([0.5, 3.0], 1.0, (HAZE, af.Rayleigh()), 0.9, ground_albedo=1.0)
     np.testing.assert_allclose(found.reflectance, 1.0, atol=1e-12)
