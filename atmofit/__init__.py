@@ -57,6 +57,9 @@ from atmofit.media.dust import (
     slab_brightness,
     slab_transparency,
 )
+from atmofit.media.fog import FogTransfer, apply_fog, fog_transfer
+from atmofit.media.fog_medium import FogLayer, fog_layer
+from atmofit.media.fog_object import diffuse_fog, fog_object, fog_sunlight
 from atmofit.media.h_functions import h_function, half_space_radiance
 from atmofit.media.light_around import LightAround, light_around
 from atmofit.media.low_air import LowAir, low_air
@@ -187,6 +190,8 @@ __all__ = [
     "DustFit",
     "Exponential",
     "ExponentialLayers",
+    "FogLayer",
+    "FogTransfer",
     "GaussianLayer",
     "Ground",
     "Haze",
@@ -252,6 +257,7 @@ __all__ = [
     "air_depolarisation",
     "air_refractivity",
     "angstrom_beta",
+    "apply_fog",
     "bullrich_phase",
     "cie_clear_sky",
     "cie_general_sky",
@@ -262,6 +268,7 @@ __all__ = [
     "daylight_spectrum",
     "debug_checks",
     "dense_optical_depth",
+    "diffuse_fog",
     "direct_sun_radiance",
     "direct_sun_xyY",
     "dome_343",
@@ -275,6 +282,10 @@ __all__ = [
     "fit_ward_larson",
     "fit_zenith_chromaticity",
     "fit_zenith_luminance",
+    "fog_layer",
+    "fog_object",
+    "fog_sunlight",
+    "fog_transfer",
     "furnace_slag_phase",
     "h_function",
     "half_space_radiance",

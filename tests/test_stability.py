@@ -16,6 +16,8 @@ from atmofit.fuzz import POINTS, fuzz, somewhere
 
 # Public names that need no declaration of their own.
 EXEMPT = {
+    "FogLayer": "declared through fog_transfer and fog_layer",
+    "FogTransfer": "result of fog_transfer",
     "ScatteringOrders": "result of scattering_orders",
     "DustFit": "result of fit_dust",
     "TwoLayers": "made by two_layers, declared with layered_sky",
