@@ -15,6 +15,7 @@ from atmofit.colour import (
     xyY_to_XYZ,
 )
 from atmofit.fit.candidates import SimulatorModel
+from atmofit.fit.cloud import CloudFit, fit_cloud
 from atmofit.fit.comparison import compare
 from atmofit.fit.distribution import DistributionFit, fit_distribution
 from atmofit.fit.dust import DustFit, SlabView, fit_dust
@@ -179,6 +180,7 @@ __all__ = [
     "Basis",
     "CIEShape",
     "Camera",
+    "CloudFit",
     "CornetteShanks",
     "DaylightSpectrum",
     "DensityProfile",
@@ -274,6 +276,7 @@ __all__ = [
     "dome_343",
     "empty_probability",
     "estimate_turbidity",
+    "fit_cloud",
     "fit_depth_fog",
     "fit_distribution",
     "fit_dust",

@@ -8,6 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from atmofit.clouds.pattern_light import cloud_phase
+from atmofit.clouds.picture import render_cloud
+from atmofit.clouds.stage import staged_cloud, staged_view
+from atmofit.clouds.surroundings import clear_surroundings
 from atmofit.colour import XYZ_to_xyY
 from atmofit.files import output_folder
 from atmofit.landscape.light import clear_light
@@ -30,7 +34,7 @@ _SIGHT_RTOL = 3e-3
 
 @dataclasses.dataclass(frozen=True)
 class Sky:
-    """Draw a clear sky as a dome, all around, or over a landscape with the air between.
+    """Draw a clear sky as a dome, all around, over a landscape, or behind a cloud.
 
     The sun is given by its angles, or by place and time.
     """
@@ -50,12 +54,20 @@ class Sky:
     """With its zone, as 2026-06-21T18:00+02:00."""
     albedo: float = 0.2
     """Of the ground, 0 to 1."""
+    clouds: Literal["cumulus", "cumulonimbus"] | None = None
+    """Instead of a dome: this cloud over level ground."""
+    voxels: int = 64
+    """Of the cloud, along its longest edge, 8 to 256."""
+    density: float = 1.0
+    """Multiplies the extinction of the cloud."""
+    scattering: Literal["converged", "pattern"] = "converged"
+    """In the cloud: all orders, or the first three by the reference pattern of 1996."""
     toward: float = 0.0
-    """Where a landscape is looked at, clockwise from north [degree]."""
+    """Where a landscape or a cloud is looked at, clockwise from north [degree]."""
     terrain: Path | None = None
     """An Esri ASCII grid (.asc); without it mountains from the seed."""
     seed: int = 5
-    """Of the mountains."""
+    """Of the mountains, and of the cloud."""
     width: int = 800
     """Pixels across."""
     white: float | None = None
@@ -77,9 +89,10 @@ class Sky:
             )
         picture = self._picture(zenith, azimuth)
         white = typical_luminance(picture) if self.white is None else self.white
-        paths = [write_picture(picture, folder / f"{self.kind}.png", white)]
+        name = self.kind if self.clouds is None else self.clouds
+        paths = [write_picture(picture, folder / f"{name}.png", white)]
         if self.exr:
-            paths.append(write_picture(picture, folder / f"{self.kind}.exr"))
+            paths.append(write_picture(picture, folder / f"{name}.exr"))
         luminance = np.asarray(XYZ_to_xyY(picture.XYZ))[..., 2]
         print(
             f"sun at elevation {90 - math.degrees(zenith):.1f}°, azimuth "
@@ -107,6 +120,8 @@ class Sky:
         return sun_at(when, math.radians(self.latitude), math.radians(self.longitude))
 
     def _picture(self, zenith: float, azimuth: float) -> Picture:
+        if self.clouds is not None:
+            return self._cloudy(self.clouds, zenith, azimuth)
         if self.kind == "landscape":
             return self._landscape(zenith, azimuth)
         draw = dome_picture if self.kind == "dome" else panorama_picture
@@ -115,6 +130,27 @@ class Sky:
             self.width,
             azimuth,
         )
+
+    def _cloudy(self, name: str, zenith: float, azimuth: float) -> Picture:
+        """A preset cloud from the ground."""
+        from tqdm import tqdm
+
+        toward = math.radians(self.toward)
+        cloud = staged_cloud(
+            name, seed=self.seed, voxels=self.voxels, toward=toward, density=self.density
+        )
+        middle = float(cloud.low[2] + cloud.high[2]) / 2
+        around = clear_surroundings(self.turbidity, zenith, azimuth, self.albedo, middle)
+        view = staged_view(name, width=self.width, toward=toward)
+        with tqdm(unit="", leave=False) as bar:
+
+            def tell(stage: str) -> None:
+                bar.set_description(stage)
+                bar.update()
+
+            return render_cloud(
+                cloud, view, around, phase=cloud_phase(), method=self.scattering, tell=tell
+            )
 
     def _landscape(self, zenith: float, azimuth: float) -> Picture:
         """From a summit in the middle of the terrain."""
