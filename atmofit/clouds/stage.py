@@ -65,7 +65,7 @@ def staged_cloud(
         ValueError: An unknown name, or a value out of range.
     """
     stage = STAGES[choice("name", name, PRESETS)]
-    in_range("voxels", voxels, 8, 256)
+    in_range("voxels", voxels, 8.0, 256.0)
     in_range("density", density, 0.0, 1e3)
     away = stage.distance if distance is None else distance
     in_range("distance", away, 0.0, 1e5, "m")
