@@ -9,7 +9,7 @@ CACHE := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)
 export JAX_COMPILATION_CACHE_DIR ?= $(CACHE)/atmofit/jax
 
 .DEFAULT_GOAL := help
-.PHONY: help install refit test lint bench stability clean
+.PHONY: help install refit test lint bench stability docs clean
 
 help:  ## Show the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' Makefile
@@ -36,8 +36,11 @@ stability: $(STAMP)  ## Try every function at its extremes: runs/stability/stabi
 bench: $(STAMP)  ## Time the ladder of plans on the reference job, with errors, next to the exact oracle
 	$(BIN)/python experiments/benchmark.py
 
+docs: .venv/.docs  ## Build the documentation site: build/docs/index.html
+	$(BIN)/python -m sphinx -q -W --keep-going -j 2 -b html docs/site build/docs
+
 clean:  ## Remove .venv, results and caches of the tools
-	rm -rf .venv runs build dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv runs build docs/site/notebooks dist .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(STAMP): pyproject.toml constraints.txt
@@ -45,4 +48,8 @@ $(STAMP): pyproject.toml constraints.txt
 	@echo "installing into .venv (once, and after a change of pyproject.toml or constraints.txt)"
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e '.[test]'
+	@touch $@
+
+.venv/.docs: $(STAMP)
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	@touch $@

@@ -35,7 +35,7 @@ for ax, grown in zip(axes, (False, True), strict=True):
     depth = np.asarray(grid.extinction_coefficient).sum(axis=1).T * float(size[1])
     box = [float(v) / 1e3 for v in (grid.low[0], grid.high[0], grid.low[2], grid.high[2])]
     image = ax.imshow(depth, origin="lower", extent=box, cmap="cividis", vmin=0, vmax=60)
-    ax.set(title=f"{balls.count} balls", xlabel="east [km]")
+    ax.set(title=f"{balls.count} balls", xlabel="east [km]", facecolor="#00224e")
 axes[0].set_ylabel("height [km]")
 figure.colorbar(image, ax=axes, label="optical depth, seen from the south [-]")
 plt.show()
