@@ -111,7 +111,7 @@ extremes(
     position=Domain((-LARGEST_LENGTH,) * 3, (LARGEST_LENGTH,) * 3),
     centre=Domain((-LARGEST_LENGTH,) * 3, (LARGEST_LENGTH,) * 3),
     radius=Domain(SMALLEST_RADIUS, LARGEST_LENGTH),
-    density=Domain(0.0, 2.0),
+    density=Span(0.0, 2.0),
     least=0.0,
 )(metaballs)
 

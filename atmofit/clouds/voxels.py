@@ -14,7 +14,7 @@ import numpy as np
 from atmofit.checks import in_range, is_traced
 from atmofit.clouds.metaballs import Metaballs, fields, metaballs
 from atmofit.clouds.volume import LARGEST_EXTINCTION, LARGEST_LENGTH, VoxelCloud, voxel_cloud
-from atmofit.extremes import Case, Domain, extremes
+from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.files import replace_file
 from atmofit.typing import Reals, RealsLike, real_array
 
@@ -84,8 +84,8 @@ extremes(
             high=(1.0, 1.0, 1.0),
         ).extinction_coefficient
     ),
-    extinction_coefficient=Domain(0.0, 1e3),
-    density=Domain(0.0, 100.0),
+    extinction_coefficient=Span(0.0, 1e3),
+    density=Span(0.0, 100.0),
     radius=Domain(1e-3, LARGEST_LENGTH),
     least=0.0,
 )(voxelise)
