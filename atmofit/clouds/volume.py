@@ -5,6 +5,7 @@ import math
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from atmofit.checks import in_range, is_traced
@@ -308,7 +309,7 @@ def voxel_cloud(extinction_coefficient: RealsLike, low: RealsLike, high: RealsLi
     if grid.ndim != 3 or grid.size == 0:
         raise ValueError(f"extinction_coefficient must be [x, y, z], got the shape {grid.shape}")
     corners = [real_array(corner).astype(grid.dtype) for corner in (low, high)]
-    if not is_traced(corners) and not bool(jnp.all(corners[0] < corners[1])):
+    if not is_traced(corners) and not np.all(np.asarray(corners[0]) < np.asarray(corners[1])):
         raise ValueError(f"low must lie below high on every axis, got {low} and {high}")
     return VoxelCloud(grid, *corners).checked()
 

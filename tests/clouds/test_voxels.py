@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from atmofit.clouds.metaballs import metaballs
+from atmofit.clouds.volume import voxel_cloud
 from atmofit.clouds.voxels import occupied_blocks, read_voxels, voxelise, write_voxels
 
 RANDOM = np.random.default_rng(2)
@@ -141,3 +142,11 @@ def test_bad_files_are_refused(written, tmp_path):
             np.savez(bad, **{**good, **change})
         with pytest.raises(ValueError, match=message):
             read_voxels(bad)
+
+
+def test_known_corners_serve_inside_a_program():
+    corners = jnp.zeros(3), jnp.ones(3)
+    made = jax.jit(lambda extinction: voxel_cloud(extinction, *corners))(jnp.ones((2, 2, 2)))
+    np.testing.assert_array_equal(made.high, 1.0)
+    with pytest.raises(ValueError, match="low must lie below high"):
+        jax.jit(lambda extinction: voxel_cloud(extinction, *corners[::-1]))(jnp.ones((2, 2, 2)))
