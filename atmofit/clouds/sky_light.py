@@ -289,7 +289,8 @@ def _parts(mesh: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     row, column = np.divmod(np.arange(fine**2), fine)
     within = (row * mesh // fine) * mesh + column * mesh // fine
     owner = (np.arange(6)[:, None] * mesh**2 + within[None, :]).reshape(-1)
-    return directions, angles, owner
+    # JAX remembers a kept array's type in double precision: 32 bits serve both precisions.
+    return directions, angles, owner.astype(np.int32)
 
 
 @functools.cache
