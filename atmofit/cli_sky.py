@@ -145,6 +145,9 @@ class Sky:
         with tqdm(unit="", leave=False) as bar:
 
             def tell(stage: str) -> None:
+                if stage.startswith("left out"):
+                    bar.write(stage)
+                    return
                 bar.set_description(stage)
                 bar.update()
 

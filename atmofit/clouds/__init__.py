@@ -11,6 +11,7 @@ from atmofit.clouds.path_trace import PathTraced, path_trace
 from atmofit.clouds.pattern import ReferencePattern, random_paths, reference_pattern
 from atmofit.clouds.pattern_light import PatternLight, cloud_phase, pattern_light
 from atmofit.clouds.picture import render_cloud
+from atmofit.clouds.plan import CloudPlan, plan_cloud
 from atmofit.clouds.presets import cloud_preset
 from atmofit.clouds.sky_light import (
     SkyLight,
@@ -46,6 +47,7 @@ from atmofit.clouds.voxels import (
 __all__ = [
     "BoxCloud",
     "Cloud",
+    "CloudPlan",
     "ConvergedLight",
     "Marched",
     "Metaballs",
@@ -73,6 +75,7 @@ __all__ = [
     "optical_depth_toward",
     "path_trace",
     "pattern_light",
+    "plan_cloud",
     "random_paths",
     "read_voxels",
     "reference_pattern",

@@ -23,8 +23,10 @@ from atmofit.clouds.volume import Vector, VoxelCloud
 from atmofit.optics.phase import PhaseFunction
 from atmofit.typing import Reals, Scalar
 
-_SKIES = 3  # wavelengths at which the light of sky and ground is solved for
-_MESH = 3  # of the sky's elements for a single scattering: 54 of them
+SKY_SOURCES = 3  # wavelengths at which the light of sky and ground is solved for
+SKY_MESH = 3  # of the sky's elements for a single scattering: 54 of them
+
+METHODS = ("converged", "pattern")
 
 Eyes = Float[Array, "eye 3"]
 
@@ -92,7 +94,7 @@ class Glow(eqx.Module):
 
 
 def sky_shares(
-    radiance: Float[np.ndarray, "direction w"], count: int = _SKIES
+    radiance: Float[np.ndarray, "direction w"], count: int = SKY_SOURCES
 ) -> tuple[np.ndarray, np.ndarray]:
     """Radiance as a sum of a few wavelengths' own.
 
@@ -118,6 +120,7 @@ def converged_glow(
     *,
     directions: int,
     rtol: float,
+    sources: int = SKY_SOURCES,
 ) -> Glow:
     """All orders, of the sun if there is any, and of sky and ground, by `converged_light`.
 
@@ -128,11 +131,12 @@ def converged_glow(
         droplets: Of which it consists.
         directions: See `converged_light`.
         rtol: Likewise.
+        sources: Spectra of which the light of sky and ground is made up.
     """
     dtype = cloud.extinction_coefficient.dtype
     travels, _ = ordinates(directions)
     around = surroundings.radiance(jnp.asarray(-travels, dtype))
-    columns, spectra = sky_shares(np.asarray(around, float))
+    columns, spectra = sky_shares(np.asarray(around, float), sources)
     solve = functools.partial(
         converged_light,
         cloud,
@@ -171,6 +175,7 @@ def pattern_glow(
     *,
     orders: int,
     most: int,
+    kept: tuple[int, ...] | None = None,
 ) -> Glow:
     """One to three orders of the sun and one of sky and ground, as Nishita and others (1996).
 
@@ -181,11 +186,12 @@ def pattern_glow(
         droplets: Of which it consists.
         orders: See `pattern_light`.
         most: Paths of each order, likewise.
+        kept: Numbers of the sky's elements that count; None: all.
     """
     dtype = cloud.extinction_coefficient.dtype
     middle = jnp.sum(eyes, axis=0)
     middle = middle / jnp.linalg.norm(middle)
-    elements, _ = sky_elements(_MESH)
+    elements, _ = sky_elements(SKY_MESH)
     around = surroundings.radiance(jnp.asarray(elements, dtype))
     columns, spectra = sky_shares(np.asarray(around, float))
     skies = sky_light(
@@ -195,6 +201,7 @@ def pattern_glow(
         single_scattering_albedo=droplets.single_scattering_albedo,
         view_direction=middle,
         wavelength_nm=droplets.wavelength,
+        elements=kept,
     )
 
     def sunny() -> Reals:
@@ -210,30 +217,27 @@ def pattern_glow(
         )
         return jnp.sum(light.source_function[1:], axis=0)[None]
 
-    return _glow(cloud, surroundings, droplets, sunny, skies[:, None], jnp.asarray(spectra, dtype))
+    later = sunny if orders > 1 else None
+    return _glow(cloud, surroundings, droplets, later, skies[:, None], jnp.asarray(spectra, dtype))
 
 
 def _glow(
     cloud: VoxelCloud,
     surroundings: Surroundings,
     droplets: Droplets,
-    sunny: Callable[[], Reals],
+    sunny: Callable[[], Reals] | None,
     skies: Float[Array, "share eye x y z"],
     spectra: Float[Array, "share w"],
 ) -> Glow:
-    """Put together; where there is no sun, nothing of it is computed."""
+    """Put together; without a sun, or its later orders, nothing of them is computed."""
     dtype = cloud.extinction_coefficient.dtype
     sun = jnp.asarray(surroundings.sun_irradiance, dtype)
     direction = surroundings.sun_direction.astype(dtype)
     if not bool(jnp.any(sun > 0)):
         nothing = jnp.zeros_like(cloud.extinction_coefficient)
         return Glow(cloud, droplets, direction, sun, nothing, skies, spectra)
-    return Glow(
-        cloud,
-        droplets,
-        direction,
-        sun,
-        sunlight_reaching(cloud, direction),
-        jnp.concatenate([sunny()[None], skies]),
-        jnp.concatenate([sun[None], spectra]),
-    )
+    if sunny is not None:
+        skies = jnp.concatenate([sunny()[None], skies])
+        spectra = jnp.concatenate([sun[None], spectra])
+    lit = sunlight_reaching(cloud, direction)
+    return Glow(cloud, droplets, direction, sun, lit, skies, spectra)

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from atmofit.checks import choice, in_range
-from atmofit.clouds.glow import Droplets, Glow, converged_glow, pattern_glow
+from atmofit.clouds.glow import METHODS, Droplets, Glow, converged_glow, pattern_glow
+from atmofit.clouds.plan import CloudPlan, plan_cloud
 from atmofit.clouds.smooth_march import march_smoothly, packed
 from atmofit.clouds.surroundings import Surroundings
 from atmofit.clouds.volume import Vector, VoxelCloud
@@ -22,7 +23,6 @@ from atmofit.numerics import safe_divide
 from atmofit.optics.phase import PhaseFunction
 from atmofit.typing import Reals, RealsLike, Scalar, real_array
 
-METHODS = ("converged", "pattern")
 _FARTHEST = 3e5  # at which a ray that points below the horizon meets the ground, at most [m]
 _TILE, _BLOCK = 16384, 2048  # rays of a tile, and under way at a time
 _STEPS = 2  # of a ray for each voxel along the longest axis
@@ -56,6 +56,7 @@ def render_cloud(
     most: int = 400,
     wavelength_nm: RealsLike = 550.0,
     plan: PathPlan = DEFAULT_PLAN,
+    cloud_plan: CloudPlan | None = None,
     tell: Callable[[str], None] = lambda stage: None,
 ) -> Picture:
     """Render the picture: cloud, the sky or the level ground behind it, and the air before it.
@@ -76,7 +77,9 @@ def render_cloud(
         most: Paths of each order, likewise. Static.
         wavelength_nm: Where the phase function is taken [nm].
         plan: Of the air before the cloud, see `plan_path`. Static.
-        tell: Called with the name of each stage, and of each tile, as it begins.
+        cloud_plan: What is left out, see `plan_cloud`; None: what it finds for this picture.
+        tell: Called with the name of each stage, and of each tile, as it begins, and with all
+            that is left out.
 
     Returns:
         The picture; its distance is to where the cloud's light comes from, or to the ground.
@@ -85,7 +88,21 @@ def render_cloud(
         ValueError: A known argument is out of range.
     """
     choice("method", method, METHODS)
-    cloud, view, phase = cloud.checked(), view.checked(), phase.checked()
+    if cloud_plan is None:
+        cloud_plan = plan_cloud(
+            cloud,
+            view,
+            surroundings,
+            phase=phase,
+            single_scattering_albedo=single_scattering_albedo,
+            method=method,
+            orders=orders,
+            wavelength_nm=wavelength_nm,
+        )
+    for line in cloud_plan.left_out:
+        tell(f"left out: {line}")
+    cloud = cloud_plan.cropped(cloud.checked())
+    view, phase = view.checked(), phase.checked()
     dtype = cloud.extinction_coefficient.dtype
     albedo = in_range("single_scattering_albedo", single_scattering_albedo, 0.0, 1.0)
     surroundings = jax.tree.map(lambda leaf: leaf.astype(dtype), surroundings)
@@ -96,9 +113,10 @@ def render_cloud(
     scene = (cloud, surroundings, -corners, droplets)
     tell(f"light inside: {method}")
     if method == "converged":
-        glow = converged_glow(*scene, directions=directions, rtol=rtol)
+        glow = converged_glow(*scene, directions=directions, rtol=rtol, sources=cloud_plan.sources)
     else:
-        glow = pattern_glow(*scene, orders=orders, most=most)
+        orders, kept = cloud_plan.orders, cloud_plan.elements
+        glow = pattern_glow(*scene, orders=orders, most=most, kept=kept)
     light = surroundings.light
     tell("sky")
     behind, distance = (np.array(x) for x in _behind(light, rays.directions, rays.eye[2], plan))

@@ -17,7 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from atmofit.checks import in_range
 from atmofit.clouds.pattern_light import phase_toward
@@ -73,6 +73,7 @@ def sky_light(
     single_scattering_albedo: RealsLike = 1.0,
     view_direction: RealsLike,
     wavelength_nm: RealsLike = 550.0,
+    elements: tuple[int, ...] | None = None,
 ) -> Float[Array, "*w x y z"]:
     """Source function of light from all around after one scattering.
 
@@ -84,6 +85,7 @@ def sky_light(
         single_scattering_albedo: 0 to 1 [-].
         view_direction: Unit vector from the cloud to the eye, 3 numbers.
         wavelength_nm: Where the phase function is taken [nm].
+        elements: Numbers of those that count, see `plan_cloud`; None: all.
 
     Returns:
         Radiance scattered toward the eye per optical depth, in the unit of the sky's radiance,
@@ -96,11 +98,15 @@ def sky_light(
     dtype = cloud.extinction_coefficient.dtype
     phase = jax.tree.map(lambda leaf: leaf.astype(dtype), phase)
     radiance = in_range("sky_radiance", sky_radiance, 0.0, _BRIGHTEST).astype(dtype)
-    _mesh_of(radiance)
+    count = 6 * _mesh_of(radiance) ** 2
+    if elements is not None and not set(elements) <= set(range(count)):
+        raise ValueError(f"elements must be numbers below {count}, got {elements}")
+    chosen = np.arange(count) if elements is None else np.array(elements, int)
     albedo = in_range("single_scattering_albedo", single_scattering_albedo, 0.0, 1.0).astype(dtype)
     view = unit_vector("view_direction", view_direction).astype(dtype)
     wavelength = real_array(wavelength_nm).astype(dtype).reshape(1)
-    return albedo * _lit(cloud, radiance, phase, wavelength, view)
+    numbers = jnp.asarray(chosen, jnp.int32)
+    return albedo * _lit(cloud, radiance, phase, wavelength, view, numbers)
 
 
 extremes(
@@ -218,11 +224,12 @@ def _lit(
     phase: PhaseFunction,
     wavelength: Float[Array, "1"],
     view: Vector,
+    numbers: Int[Array, " kept"],
 ) -> Float[Array, "*w x y z"]:
     """The kernel of `sky_light`, element by element."""
     mesh = _mesh_of(radiance)
     directions, _ = _cube(mesh)
-    shares = _shares(phase, wavelength, view, mesh)
+    shares = element_shares(phase, wavelength, view, mesh)
     wavelengths = radiance.shape[1:]
     flat = radiance.reshape(radiance.shape[0], -1)
 
@@ -235,12 +242,12 @@ def _lit(
 
     grid = cloud.extinction_coefficient
     start = jnp.zeros((flat.shape[1], *grid.shape), grid.dtype)
-    elements = (jnp.asarray(directions, grid.dtype), flat * shares[:, None])
-    total, _ = jax.lax.scan(step, start, elements)
+    sources = (jnp.asarray(directions, grid.dtype)[numbers], (flat * shares[:, None])[numbers])
+    total, _ = jax.lax.scan(step, start, sources)
     return total.reshape(*wavelengths, *grid.shape)
 
 
-def _shares(
+def element_shares(
     phase: PhaseFunction, wavelength: Float[Array, "1"], view: Vector, mesh: int
 ) -> Float[Array, " element"]:
     """Phase function between each element and the eye, integrated; they add to 1."""
