@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, also when a run is killed while it writes."""
+"""Files that appear whole or not at all; and files of others, within bounds."""
 
 import contextlib
 import os
@@ -6,10 +6,12 @@ import platform
 import re
 import tempfile
 import time
+import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
 
+LARGEST_FILE, LARGEST_ARRAYS = 2**28, 2**32  # [bytes]
 _OLD = 24 * 3600.0  # [s]; no file takes so long to write
 
 
@@ -40,6 +42,51 @@ def replace_file(path: Path, write: Callable[[Path], None]) -> Path:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+    return path
+
+
+def readable_file(path: Path | str, largest_bytes: int = LARGEST_FILE) -> Path:
+    """A file that somebody else may have written, before it is read.
+
+    Args:
+        path: The file.
+        largest_bytes: Of the file.
+
+    Raises:
+        ValueError: It is absent, no file, or larger.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"file must exist, got {str(path)!r}")
+    size = path.stat().st_size
+    if size > largest_bytes:
+        raise ValueError(
+            f"file must have at most {largest_bytes} bytes, got {size} in {str(path)!r}"
+        )
+    return path
+
+
+def readable_arrays(path: Path | str, largest_bytes: int = LARGEST_ARRAYS) -> Path:
+    """A NumPy archive (.npz) that does not unpack to more than it should.
+
+    Args:
+        path: The file.
+        largest_bytes: Of all arrays together, in memory.
+
+    Raises:
+        ValueError: It is absent, no archive, or larger.
+    """
+    path = readable_file(path, largest_bytes)
+    try:
+        with zipfile.ZipFile(path) as parts:
+            # What the archive says; zipfile itself reads no more than that.
+            size = sum(part.file_size for part in parts.infolist())
+    except zipfile.BadZipFile as error:
+        raise ValueError(f"file must be a NumPy archive, got {str(path)!r} ({error})") from error
+    if size > largest_bytes:
+        raise ValueError(
+            f"file must hold at most {largest_bytes} bytes, got {size} in {str(path)!r}"
+        )
     return path
 
 

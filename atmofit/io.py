@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from atmofit.files import output_folder as output_folder
+from atmofit.files import readable_file
 from atmofit.files import replace_file as replace_file
 from atmofit.fit import identifiability_words, verdict
 from atmofit.fit.refit import RefitResult
@@ -86,8 +87,9 @@ def read_settings(path: Path) -> RefitSettings:
 
 def _read(path: Path) -> tuple[PreethamModel, RefitSettings]:
     """The model and the settings of a coefficients file."""
+    path = readable_file(path)
     try:
-        stored = json.loads(Path(path).read_text(encoding="utf-8"))
+        stored = json.loads(path.read_text(encoding="utf-8"))
         matrices = {
             _DISTRIBUTION[q]: [
                 [stored["distribution"][q][name][term]["value"] for term in ("slope", "intercept")]
@@ -131,8 +133,9 @@ def read_sky_model(path: Path) -> SkyModel:
     Raises:
         ValueError: The file is absent, or is not such a file.
     """
+    path = readable_file(path)
     try:
-        return stored_models.from_dict(json.loads(Path(path).read_text(encoding="utf-8")))
+        return stored_models.from_dict(json.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
         raise ValueError(f"file must exist, got {str(path)!r} ({error.strerror})") from error
     except (KeyError, TypeError, AttributeError, ValueError) as error:

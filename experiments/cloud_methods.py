@@ -27,6 +27,7 @@ from atmofit.clouds.converged import converged_light
 from atmofit.clouds.first_order import single_scattering
 from atmofit.clouds.marching import sensor_direction, view
 from atmofit.clouds.path_trace import path_trace
+from atmofit.clouds.pattern_light import pattern_light
 from atmofit.clouds.volume import VoxelCloud, voxel_cloud
 from atmofit.files import replace_file
 
@@ -42,7 +43,8 @@ BALLS = (  # x, y, z and radius [m]
     (0.35, -0.45, -0.1, 0.6),
 )
 CONVERGED = ((2, 14), (2, 26), (1, 14), (1, 26), (1, 50))  # times coarser, directions
-COLORS = ("#8c6bb1", "#1f5fa8", "#c8553d", "#5a9367")
+PATTERN = ((2, 400), (3, 100), (3, 400))  # orders, paths of each
+COLORS = ("#8c6bb1", "#d19a2a", "#1f5fa8", "#c8553d")
 Pictures = np.ndarray
 Method = Callable[[VoxelCloud], Any]
 
@@ -104,6 +106,19 @@ def methods(config: Config) -> dict[str, Method]:
         sources = [single_scattering(cloud, sensor_direction(a), phase=phase) for a in as_arrays()]
         return [seen(cloud, source, angle) for source, angle in zip(sources, ANGLES, strict=True)]
 
+    def pattern(cloud: VoxelCloud, orders: int, most: int) -> Any:
+        found = []
+        for angle in ANGLES:
+            light = pattern_light(
+                cloud,
+                phase=phase,
+                view_direction=sensor_direction(jnp.asarray(angle)),
+                orders=orders,
+                most=most,
+            )
+            found.append(seen(cloud, light.total, angle))
+        return found
+
     def converged(cloud: VoxelCloud, directions: int, factor: int) -> Any:
         grid = coarser(cloud, factor)
         light = converged_light(grid, phase=phase, directions=directions, rtol=1e-3)
@@ -128,6 +143,9 @@ def methods(config: Config) -> dict[str, Method]:
 
     found: dict[str, Method] = {"truth": lambda cloud: traced(cloud, config.samples, 1)}
     found["single"] = single
+    for orders, most in PATTERN:
+        name = f"pattern, {config.voxels}^3, {orders} orders, {most} paths"
+        found[name] = lambda cloud, o=orders, m=most: pattern(cloud, o, m)
     for factor, directions in CONVERGED:
         name = f"converged, {config.voxels // factor}^3, {directions} directions"
         found[name] = lambda cloud, d=directions, f=factor: converged(cloud, d, f)
@@ -218,7 +236,7 @@ def draw(path: Path, results: dict[str, dict[str, dict[str, float]]], finest: in
             words = name.replace(" directions", "").split(", ")
             color = COLORS[kinds.index(words[0])]
             marker = markers.get(words[-1], "D")
-            big = 60 if f"{finest}^3" in name else 20
+            big = 20 if f"{finest // 2}^3" in name else 60
             panel.scatter(value["hot_s"], 100 * value["error"], big, color, marker)
         panel.axhline(100 * found["truth"]["error"], color="0.6", ls=":", lw=1)
         panel.set(xscale="log", yscale="log", xlabel="time of three pictures [s]")

@@ -6,10 +6,11 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from atmofit import files
-from atmofit.files import output_folder, replace_file
+from atmofit.files import output_folder, readable_arrays, readable_file, replace_file
 
 
 @pytest.fixture
@@ -113,3 +114,20 @@ def test_name_of_the_temporary_file_is_found_again_when_its_process_is_gone(path
 def test_folder_that_is_a_file_is_refused(path):
     with pytest.raises(ValueError, match=r"out must be a folder that can be written, got .*result"):
         output_folder(path)
+
+
+def test_files_of_others_are_bounded(tmp_path):
+    assert readable_file(str(tmp_path / __file__)).name == "test_files.py"
+    with pytest.raises(ValueError, match="file must exist"):
+        readable_file(tmp_path)
+    big = tmp_path / "big.json"
+    big.write_bytes(b" " * 1000)
+    with pytest.raises(ValueError, match=r"file must have at most 999 bytes, got 1000 in .*big"):
+        readable_file(big, 999)
+    # Zeros pack well: what counts is what they unpack to.
+    np.savez_compressed(tmp_path / "zeros.npz", a=np.zeros(100_000))
+    assert (tmp_path / "zeros.npz").stat().st_size < 2000
+    with pytest.raises(ValueError, match="file must hold at most 2000 bytes, got 800128"):
+        readable_arrays(tmp_path / "zeros.npz", 2000)
+    with pytest.raises(ValueError, match="file must be a NumPy archive"):
+        readable_arrays(big)

@@ -8,7 +8,12 @@ from atmofit.clouds.growth import grow
 from atmofit.clouds.marching import Marched, Viewed, march, view
 from atmofit.clouds.metaballs import Metaballs, metaballs
 from atmofit.clouds.path_trace import PathTraced, path_trace
-from atmofit.clouds.pattern import ReferencePattern, random_paths, reference_pattern
+from atmofit.clouds.pattern import (
+    ReferencePattern,
+    adaptive_counts,
+    random_paths,
+    reference_pattern,
+)
 from atmofit.clouds.pattern_light import PatternLight, cloud_phase, pattern_light
 from atmofit.clouds.picture import render_cloud
 from atmofit.clouds.plan import CloudPlan, plan_cloud
@@ -61,6 +66,7 @@ __all__ = [
     "Surroundings",
     "Viewed",
     "VoxelCloud",
+    "adaptive_counts",
     "clear_surroundings",
     "cloud_phase",
     "cloud_preset",

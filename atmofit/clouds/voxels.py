@@ -15,7 +15,7 @@ from atmofit.checks import in_range, is_traced
 from atmofit.clouds.metaballs import Metaballs, fields, metaballs
 from atmofit.clouds.volume import LARGEST_EXTINCTION, LARGEST_LENGTH, VoxelCloud, voxel_cloud
 from atmofit.extremes import Case, Domain, Span, extremes
-from atmofit.files import replace_file
+from atmofit.files import readable_arrays, replace_file
 from atmofit.typing import Reals, RealsLike, real_array
 
 LARGEST_COUNT = 1024  # voxels along an axis
@@ -258,17 +258,13 @@ def read_voxels(path: Path | str, *, largest_bytes: int = 2**31) -> VoxelCloud:
         The cloud.
 
     Raises:
-        ValueError: The file is none of ours, damaged or too large, or its values are impossible.
+        ValueError: The file is absent, none of ours, damaged or too large, or its values are
+            impossible.
         OSError: It cannot be read.
     """
     path = Path(path)
     try:
-        with zipfile.ZipFile(path) as parts:
-            # What the archive says; zipfile itself reads no more than that.
-            size = sum(part.file_size for part in parts.infolist())
-        if size > largest_bytes:
-            raise ValueError(f"{size} bytes, more than the {largest_bytes} allowed")
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(readable_arrays(path, largest_bytes), allow_pickle=False) as file:
             header = json.loads(str(file["header"]))
             arrays = [file[name] for name in _UNITS]
         if not isinstance(header, dict) or header.get("format") != _FORMAT:

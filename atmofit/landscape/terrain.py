@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from atmofit.checks import in_range
+from atmofit.files import readable_file
 from atmofit.typing import Reals, RealsLike, Scalar, real_array, scalar
 
 _LARGEST_SIDE = 8192.0
@@ -153,10 +154,10 @@ def read_elevation_grid(path: str | Path) -> Terrain:
         path: Of the file. Points without data get the lowest height.
 
     Raises:
-        ValueError: Not such a file, or an incomplete one.
+        ValueError: No such file, one of another kind, or an incomplete one.
         OSError: It cannot be read.
     """
-    text = Path(path).read_text(encoding="ascii", errors="replace").split()
+    text = readable_file(path).read_text(encoding="ascii", errors="replace").split()
     head: dict[str, float] = {}
     place = 0
     while place + 1 < len(text) and text[place][0].isalpha():

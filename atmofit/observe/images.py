@@ -1,16 +1,21 @@
 """Photographs of the sky with their full range: OpenEXR and Radiance HDR."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from atmofit.checks import choice
+from atmofit.files import readable_file
 
 PROJECTIONS = ("latlong", "fisheye")
 SUFFIXES = (".exr", ".hdr", ".pic")
 _ANY_DEPTH = 3  # OpenCV's IMREAD_COLOR and IMREAD_ANYDEPTH: numbers as they are in the file
+_LARGEST_IMAGE, _MOST_PIXELS = 2**30, 2**27
+_HEADER = 2**14  # bytes in which a Radiance file must have said its size
+_RADIANCE_SIZE = re.compile(rb"\n[-+][XY] (\d+) [-+][XY] (\d+)\n")
 _TONE_MAPPED = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".webp")
 
 
@@ -78,8 +83,7 @@ def read_photograph(path: Path | str, projection: str = "latlong") -> Photograph
         )
     if suffix not in SUFFIXES:
         raise ValueError(f"file must end in {', '.join(SUFFIXES)}, got {str(path)!r}")
-    if not path.is_file():
-        raise ValueError(f"file must exist, got {str(path)!r}")
+    readable_file(path, _LARGEST_IMAGE)
     rgb = _read_exr(path) if suffix == ".exr" else _read_radiance(path)
     if rgb.ndim != 3 or rgb.shape[2] != 3 or min(rgb.shape[:2]) < 8:
         raise ValueError(
@@ -89,12 +93,23 @@ def read_photograph(path: Path | str, projection: str = "latlong") -> Photograph
     return Photograph(rgb.astype(float), projection)
 
 
+def _check_pixels(path: Path, one: int, other: int) -> None:
+    """Refuse images that would not fit into memory, before they are unpacked."""
+    if one * other > _MOST_PIXELS:
+        raise ValueError(
+            f"file must have at most {_MOST_PIXELS} pixels, got {one} x {other} in {str(path)!r}"
+        )
+
+
 def _read_exr(path: Path) -> np.ndarray:
     try:
         import OpenEXR
     except ImportError as error:
         raise ImportError("photographs need OpenEXR: pip install 'atmofit[images]'") from error
     try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            (left, top), (right, bottom) = file.header()["dataWindow"]
+        _check_pixels(path, int(right - left) + 1, int(bottom - top) + 1)
         with OpenEXR.File(str(path)) as file:
             channels = file.channels()
             for name in ("RGB", "RGBA"):
@@ -114,6 +129,10 @@ def _read_radiance(path: Path) -> np.ndarray:
         import imageio.v3
     except ImportError as error:
         raise ImportError("photographs need imageio: pip install 'atmofit[images]'") from error
+    with path.open("rb") as file:
+        size = _RADIANCE_SIZE.search(file.read(_HEADER))
+    if size is not None:
+        _check_pixels(path, int(size[1]), int(size[2]))
     try:
         return np.asarray(imageio.v3.imread(path, plugin="opencv", flags=_ANY_DEPTH), float)
     except (OSError, ValueError, RuntimeError) as error:

@@ -8,6 +8,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from atmofit.files import LARGEST_ARRAYS, readable_arrays, readable_file
 from atmofit.geometry import Directions
 from atmofit.observe.observation import Observation
 
@@ -59,8 +60,7 @@ def read_observations(
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f"file must end in {', '.join(SUFFIXES)}, got {str(path)!r}")
-    if not path.is_file():
-        raise ValueError(f"file must exist, got {str(path)!r}")
+    readable_file(path)
     noise = RELATIVE_NOISE if relative_noise is None else relative_noise
     if path.suffix.lower() == ".npz":
         λ = tuple(float(x) for x in range(400, 701, 20)) if wavelength_nm is None else wavelength_nm
@@ -102,6 +102,9 @@ def _read_netcdf(path: Path) -> Columns:
     import xarray
 
     with xarray.open_dataset(path, engine="h5netcdf") as data:
+        # Compressed files may hold far more than their size; nothing has been read yet.
+        if data.nbytes > LARGEST_ARRAYS:
+            raise ValueError(f"it holds {data.nbytes} bytes, more than {LARGEST_ARRAYS}")
         columns: dict[str, np.ndarray] = {}
         count = data.sizes["direction"]
         for name, values in data.variables.items():
@@ -201,7 +204,7 @@ def _read_scans(
     path: Path, noise: float, wavelength_nm: tuple[float, ...] | None
 ) -> list[Observation]:
     """The scans of 2013; the dome stood askew, and each scan's symmetry says where the sun was."""
-    with np.load(path) as arrays:
+    with np.load(readable_arrays(path), allow_pickle=False) as arrays:
         scans = {name: arrays[name] for name in arrays.files}
     view = scans["view_zenith_deg"]
     starts = np.flatnonzero(np.diff(view, prepend=-1.0))

@@ -109,6 +109,24 @@ def test_files_come_back(tmp_path):
         af.read_photograph(tmp_path / "absent.exr")
 
 
+def test_images_beyond_memory_are_refused_unread(tmp_path, monkeypatch):
+    import cv2
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    pixels = np.zeros((100, 300, 3), np.float32)
+    with OpenEXR.File(header, {"RGB": pixels}) as file:
+        file.write(str(tmp_path / "wide.exr"))
+    cv2.imwrite(str(tmp_path / "wide.hdr"), pixels)
+    monkeypatch.setattr("atmofit.observe.images._MOST_PIXELS", 29_999)
+    for name in ("wide.exr", "wide.hdr"):
+        with pytest.raises(ValueError, match=r"at most 29999 pixels, got (300 x 100|100 x 300) in"):
+            af.read_photograph(tmp_path / name)
+    monkeypatch.setattr("atmofit.observe.images._LARGEST_IMAGE", 100)
+    with pytest.raises(ValueError, match="file must have at most 100 bytes"):
+        af.read_photograph(tmp_path / "wide.hdr")
+
+
 def constant():
     return np.full((ROWS, COLUMNS, 3), 0.5)
 

@@ -131,3 +131,15 @@ def test_files_that_are_no_tables_are_refused(tmp_path):
         (tmp_path / name).write_bytes(b"\x00\xff\xfe no table")
         with pytest.raises(ValueError, match="file must"):
             af.read_observations(tmp_path / name)
+
+
+def test_tables_beyond_memory_are_refused_unread(tmp_path, monkeypatch):
+    import xarray
+
+    names = ("view_zenith_deg", "relative_azimuth_deg", "sun_zenith_deg", "luminance_cd_m2")
+    data = xarray.Dataset({name: ("direction", np.ones(5000)) for name in names})
+    packed = {name: {"zlib": True} for name in names}
+    data.to_netcdf(tmp_path / "sky.nc", engine="h5netcdf", encoding=packed)
+    monkeypatch.setattr("atmofit.observe.tables.LARGEST_ARRAYS", 150_000)
+    with pytest.raises(ValueError, match="it holds 160000 bytes, more than 150000"):
+        af.read_observations(tmp_path / "sky.nc")
