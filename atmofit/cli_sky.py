@@ -36,12 +36,18 @@ _SIGHT_RTOL = 3e-3
 class Sky:
     """Draw a clear sky as a dome, all around, over a landscape, or behind a cloud.
 
-    The sun is given by its angles, or by place and time.
+    The sun is given by its angles, or by place and time. An evening over mountains, and a cloud
+    against the sun:
+
+        atmofit sky --kind landscape --sun-zenith 85 --sun-azimuth 250 --toward 250
+
+        atmofit sky --clouds cumulus --sun-zenith 80 --sun-azimuth 12
     """
 
     kind: Literal["dome", "panorama", "landscape"] = "dome"
+    """All of the sky, zenith in the middle; all around, down to the horizon; or over land."""
     turbidity: float = 3.0
-    """1.7 to 10."""
+    """Of the haze: 2 is very clear, 3 clear, 6 hazy; 1.7 to 10."""
     sun_zenith: float | None = None
     """Solar zenith angle [degree], 0 to 90."""
     sun_azimuth: float = 180.0

@@ -25,7 +25,15 @@ from atmofit.render.turbidity import write_turbidity_report
 
 @dataclasses.dataclass(frozen=True)
 class Turbidity:
-    """Estimate turbidity from measured skies: a table, a scan, or a photograph with its range."""
+    """Estimate turbidity from measured skies: a table, a scan, or a photograph with its range.
+
+    Prints each sky's turbidity with its standard error and what else was searched for; a report
+    shows what the model misses. A table, and a photograph whose ground may be bright:
+
+        atmofit turbidity sky.csv --sun-zenith 40
+
+        atmofit turbidity sky.exr --free albedo --projection fisheye
+    """
 
     file: Annotated[Path, tyro.conf.Positional]
     """A table of directions (.csv, .nc), the scans of Kider et al. (.npz), or a photograph (.exr,

@@ -139,7 +139,7 @@ def empty_folder(folder: Path) -> Path:
 
 def start(config: Config, folder: Path) -> subprocess.Popen[bytes]:
     """Start `atmofit refit` in a folder."""
-    command = [sys.executable, "-m", "atmofit.cli", "refit", *config.arguments]
+    command = [sys.executable, "-m", "atmofit", "refit", *config.arguments]
     return subprocess.Popen(
         [*command, "--out", str(folder)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     )

@@ -1,6 +1,7 @@
 """The command line: results, one clear line for bad input, exit status."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 pytest.importorskip("tyro")
 
 import atmofit as af
+from atmofit.__main__ import main as main_if_installed
 from atmofit.cli import main
 
 SMALL = [
@@ -184,3 +186,11 @@ def test_turbidity_refuses_bad_files(name, content, message, tmp_path, capsys):
     assert main(["turbidity", str(path), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert any(part in said for part in message.split("|"))
+
+
+def test_a_missing_package_is_one_line(monkeypatch, capsys):
+    monkeypatch.delitem(sys.modules, "atmofit.cli", raising=False)
+    monkeypatch.setitem(sys.modules, "tyro", None)
+    assert main_if_installed() == 2
+    printed = capsys.readouterr().err
+    assert printed == "atmofit: the command line needs tyro: pip install 'atmofit[cli]'\n"
