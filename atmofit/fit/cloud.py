@@ -10,13 +10,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
-from atmofit.checks import angle_in_range, choice, in_range
+from atmofit.checks import angle_in_range, in_range
 from atmofit.clouds.converged import converged_light
 from atmofit.clouds.volume import VoxelCloud
 from atmofit.fit import few_parameters
-from atmofit.fit.ranges import Ranges, Values, table_of
+from atmofit.fit.ranges import RangedFit, Ranges, Values
 from atmofit.optics.phase import HenyeyGreenstein, PhaseFunction
 from atmofit.typing import Reals, RealsLike, Scalar, real_array
 
@@ -28,55 +28,17 @@ RANGES = Ranges(
     ),
     logarithmic=("density_scale",),
 )
-NAMES = RANGES.names
 MAX_STEPS = 40
 
 
-class CloudFit(eqx.Module):
-    """What `fit_cloud` found; lists of parameters are in the order of `NAMES`.
+class CloudFit(RangedFit):
+    """What `fit_cloud` found.
 
-    Attributes:
-        values: What the shape's extinction is multiplied by, asymmetry, single-scattering albedo.
-        standard_error: Of each; 0 where it was known.
-        covariance: Of all.
-        condition_number: Of the Jacobian, columns scaled to unit length; large where the pictures
-            do not tell parameters apart.
-        determined: Whether the standard error is below an eighth of the parameter's range (for the
-            density, of the range of its logarithm) and the value not at its end; true where known.
-        residuals: (model - measured) / noise, [picture, up, right].
-        reduced_chi_square: Their sum of squares over the degrees of freedom; about 1 if model and
-            noise are right.
-        converged: Whether the search ended at a minimum, in the range or at its end.
-        steps: Of the search.
-        free: Names of what was sought. Static.
+    The values are what the shape's extinction is multiplied by, asymmetry and single-scattering
+    albedo; the residuals (model - measured) / noise, [picture, up, right].
     """
 
-    values: Float[Array, "3"]
-    standard_error: Float[Array, "3"]
-    covariance: Float[Array, "3 3"]
-    condition_number: Scalar
-    determined: Bool[Array, "3"]
-    residuals: Float[Array, "picture up right"]
-    reduced_chi_square: Scalar
-    converged: Bool[Array, ""]
-    steps: Int[Array, ""]
-    free: tuple[str, ...] = eqx.field(static=True)
-
-    def __getitem__(self, name: str) -> Scalar:
-        """A parameter by its name."""
-        return self.values[NAMES.index(choice("name", name, NAMES))]
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """Parameters that the pictures leave open."""
-        told = np.asarray(self.determined)
-        return tuple(name for name, known in zip(NAMES, told, strict=True) if not known)
-
-    def __str__(self) -> str:
-        """Values, errors, and what is not determined."""
-        lines = [f"reduced chi-square {self.reduced_chi_square:.2f}"]
-        lines += table_of(NAMES, self.values, self.standard_error, self.free, self.undetermined)
-        return "\n".join([*lines, f"  condition number {self.condition_number:.3g}"])
+    NAMES = RANGES.names
 
 
 def fit_cloud(

@@ -11,12 +11,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from atmofit.checks import angle_in_range, choice, in_range, is_traced
 from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.fit import few_parameters
-from atmofit.fit.ranges import Ranges, Values, even_places, log_ratio, table_of
+from atmofit.fit.ranges import RangedFit, Ranges, Values, even_places, log_ratio
 from atmofit.geometry import HORIZON, Directions, scattering_angle
 from atmofit.media.doubling import doublings_for
 from atmofit.media.slab import SMALLEST_COSINE, lit_and_seen
@@ -125,56 +125,26 @@ class SlabView(eqx.Module):
         return jnp.arctan2(safe_sqrt(1 - cosine**2), cosine)
 
 
-class DustFit(eqx.Module):
-    """What `fit_dust` found; lists of parameters are in the order of `NAMES`.
+class DustFit(RangedFit):
+    """What `fit_dust` found.
+
+    The values are optical depth, single-scattering albedo, share of the backward lobe in the
+    scattered light, and mean cosines of the scattering angle of the forward and the backward lobe;
+    the residuals ln(model / measured) / noise, linear where the model is below 1 % of the measured.
 
     Attributes:
-        values: Optical depth, single-scattering albedo, share of the backward lobe in the scattered
-            light, mean cosines of the scattering angle of the forward and the backward lobe [-].
-        standard_error: Of each; 0 where it was known.
-        covariance: Of all.
-        condition_number: Of the Jacobian, columns scaled to unit length; large where measurements
-            do not tell parameters apart. 1 for one parameter.
-        determined: Whether the standard error is below an eighth of the parameter's range (for the
-            depth, of the range of its logarithm) and the value not at its end; true where known.
-        residuals: ln(model / measured) / noise, in that order; linear where the model is below 1 %
-            of the measured.
-        reduced_chi_square: Their sum of squares over the degrees of freedom; about 1 if model and
-            noise are right. NaN where there are none.
-        converged: Whether the search ended at a minimum, in the range or at its end.
-        steps: Of all searches.
-        free: Names of what was sought. Static.
         orders: "single" or "all". Static.
         plan: Of the solver for all orders. Static.
     """
 
-    values: Float[Array, "5"]
-    standard_error: Float[Array, "5"]
-    covariance: Float[Array, "5 5"]
-    condition_number: Scalar
-    determined: Bool[Array, "5"]
-    residuals: Float[Array, " n"]
-    reduced_chi_square: Scalar
-    converged: Bool[Array, ""]
-    steps: Int[Array, ""]
-    free: tuple[str, ...] = eqx.field(static=True)
+    NAMES = RANGES.names
     orders: str = eqx.field(static=True)
     plan: SlabPlan = eqx.field(static=True)
-
-    def __getitem__(self, name: str) -> Scalar:
-        """A parameter by its name."""
-        return self.values[NAMES.index(choice("name", name, NAMES))]
 
     @property
     def phase(self) -> PhaseSum:
         """The phase function."""
         return _phase(dict(zip(NAMES, self.values, strict=True)))
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """Parameters that the measurements leave open."""
-        told = np.asarray(self.determined)
-        return tuple(name for name, known in zip(NAMES, told, strict=True) if not known)
 
     def predict(self, view: SlabView) -> Reals:
         """Radiance over the sun's irradiance in other geometries [1/sr], [n]."""
@@ -182,9 +152,7 @@ class DustFit(eqx.Module):
 
     def __str__(self) -> str:
         """Values, errors, and what is not determined."""
-        lines = [f"{self.orders} scattering, reduced chi-square {self.reduced_chi_square:.2f}"]
-        lines += table_of(NAMES, self.values, self.standard_error, self.free, self.undetermined)
-        return "\n".join([*lines, f"  condition number {self.condition_number:.3g}"])
+        return f"{self.orders} scattering, {super().__str__()}"
 
 
 def fit_dust(

@@ -3,10 +3,12 @@
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from atmofit.checks import choice, in_range
 from atmofit.fit.few_parameters import Valley
@@ -129,6 +131,58 @@ class Ranges:
         return jnp.stack([slope(x, *e) for x, e in zip(values, self._ends(free), strict=True)])
 
 
+class RangedFit(eqx.Module):
+    """What a search in known ranges found; lists of parameters are in the order of `NAMES`.
+
+    Attributes:
+        values: Of all parameters.
+        standard_error: Of each; 0 where it was known.
+        covariance: Of all.
+        condition_number: Of the Jacobian, columns scaled to unit length; large where the
+            measurements do not tell parameters apart. 1 for one parameter.
+        determined: Whether the standard error is below an eighth of the parameter's range (of that
+            of its logarithm where this is searched) and the value not at its end; true where known.
+        residuals: In the order of the measurements, over their noise.
+        reduced_chi_square: Their sum of squares over the degrees of freedom; about 1 if model and
+            noise are right. NaN where there are none.
+        converged: Whether the search ended at a minimum, in the range or at its end.
+        steps: Of all searches.
+        free: Names of what was sought. Static.
+    """
+
+    NAMES: ClassVar[tuple[str, ...]]
+    values: Float[Array, " parameter"]
+    standard_error: Float[Array, " parameter"]
+    covariance: Float[Array, "parameter parameter"]
+    condition_number: Scalar
+    determined: Bool[Array, " parameter"]
+    residuals: Float[Array, "*measured"]
+    reduced_chi_square: Scalar
+    converged: Bool[Array, ""]
+    steps: Int[Array, ""]
+    free: tuple[str, ...] = eqx.field(static=True)
+
+    def __getitem__(self, name: str) -> Scalar:
+        """A parameter by its name."""
+        return self.values[self.NAMES.index(choice("name", name, self.NAMES))]
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Parameters that the measurements leave open."""
+        told = np.asarray(self.determined)
+        return tuple(name for name, known in zip(self.NAMES, told, strict=True) if not known)
+
+    def __str__(self) -> str:
+        """Values, errors, and what is not determined."""
+        lines = [f"reduced chi-square {self.reduced_chi_square:.2f}"]
+        rows = zip(self.NAMES, self.values, self.standard_error, strict=True)
+        for name, value, error in rows:
+            note = "known" if name not in self.free else f"± {error:.2g}"
+            left = " (not determined)" if name in self.undetermined else ""
+            lines.append(f"  {name:25} {value:8.4g} {note}{left}")
+        return "\n".join([*lines, f"  condition number {self.condition_number:.3g}"])
+
+
 def _covariance(jacobian: Float[Array, "n p"]) -> tuple[Float[Array, "p p"], Scalar]:
     """Inverse of J^T J, and the condition number of J with columns of unit length."""
     norm = jnp.sqrt(jnp.sum(jacobian**2, axis=0))
@@ -156,19 +210,3 @@ def log_ratio(ratio: Reals, linear_below: float) -> Reals:
     low = ratio < linear_below
     tangent = math.log(linear_below) + (ratio / linear_below - 1)
     return jnp.where(low, tangent, jnp.log(jnp.where(low, 1.0, ratio)))
-
-
-def table_of(
-    names: tuple[str, ...],
-    values: Reals,
-    errors: Reals,
-    free: tuple[str, ...],
-    undetermined: tuple[str, ...],
-) -> list[str]:
-    """A line for each parameter: value, standard error, and whether the data say it."""
-    lines = []
-    for name, value, error in zip(names, values, errors, strict=True):
-        note = "known" if name not in free else f"± {error:.2g}"
-        left = " (not determined)" if name in undetermined else ""
-        lines.append(f"  {name:25} {value:8.4g} {note}{left}")
-    return lines

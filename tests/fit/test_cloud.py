@@ -5,7 +5,7 @@ import pytest
 
 import atmofit as af
 from atmofit.clouds.converged import converged_light
-from atmofit.fit.cloud import NAMES, fit_cloud
+from atmofit.fit.cloud import CloudFit, fit_cloud
 
 COUNT, WIDTH, ANGLES, EXTENT = 8, 8, np.array([0.5, 2.4]), 2.6
 DIRECTIONS = 14
@@ -60,7 +60,7 @@ def test_the_truth_is_found_within_its_errors(clean):
 
 def test_without_noise_the_truth_is_found_to_the_solvers_tolerance(clean):
     found = fit(clean, 1e-3 * clean.mean())
-    for name in NAMES:
+    for name in CloudFit.NAMES:
         assert float(found[name]) == pytest.approx(TRUTH[name], rel=5e-3)
 
 
