@@ -18,10 +18,10 @@ import numpy as np
 import tyro
 from run_files import markdown, write_run
 
+from atmofit.clouds.depths import optical_depth_toward, sunlight_reaching
 from atmofit.clouds.form_factors import form_factors
 from atmofit.clouds.pattern import ReferencePattern, reference_pattern
 from atmofit.clouds.pattern_light import average_extinction, cloud_phase, pattern_light
-from atmofit.clouds.sweeping import optical_depth_toward, sunlight_reaching
 from atmofit.clouds.volume import VoxelCloud, voxel_cloud
 from atmofit.files import replace_file
 from atmofit.optics.phase import CornetteShanks

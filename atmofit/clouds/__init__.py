@@ -2,6 +2,7 @@
 
 from atmofit.clouds.bezier import SurfaceHit, surface_hit
 from atmofit.clouds.converged import ConvergedLight, converged_light
+from atmofit.clouds.depths import optical_depth_toward, sunlight_reaching
 from atmofit.clouds.first_order import single_scattering
 from atmofit.clouds.form_factors import form_factors
 from atmofit.clouds.growth import grow
@@ -31,7 +32,6 @@ from atmofit.clouds.surroundings import (
     clear_surroundings,
     sunless_surroundings,
 )
-from atmofit.clouds.sweeping import optical_depth_toward, sunlight_reaching
 from atmofit.clouds.volume import (
     BoxCloud,
     Cloud,

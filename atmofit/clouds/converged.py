@@ -14,11 +14,11 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from atmofit.checks import in_range, is_traced
+from atmofit.clouds.depths import unit_vector
 from atmofit.clouds.first_order import UP, Sunlit, sunlit
 from atmofit.clouds.linear_solver import solve_linear
 from atmofit.clouds.marching import Viewed, sensor_direction, view
 from atmofit.clouds.ordinates import COUNTS, ScaledPhase, legendre, ordinates
-from atmofit.clouds.sweeping import unit_vector
 from atmofit.clouds.sweeps import Grid, Grids, PerDirection, sweep, sweep_one
 from atmofit.clouds.volume import Vector, VoxelCloud, voxel_cloud
 from atmofit.extremes import Case, Domain, Span, extremes

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from atmofit.checks import in_range
+from atmofit.clouds.depths import Grid, depths_toward, passed, unit_vector, voxel_size
 from atmofit.clouds.ordinates import ScaledPhase, legendre
 from atmofit.clouds.scatter import versine_between
-from atmofit.clouds.sweeping import Grid, depths_toward, passed, unit_vector, voxel_size
 from atmofit.clouds.volume import Vector, VoxelCloud, voxel_cloud
 from atmofit.extremes import Case, Domain, Span, extremes
 from atmofit.numerics import safe_sqrt

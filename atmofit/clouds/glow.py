@@ -14,11 +14,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from atmofit.clouds.converged import ConvergedLight, converged_light
+from atmofit.clouds.depths import sunlight_reaching
 from atmofit.clouds.ordinates import ordinates
 from atmofit.clouds.pattern_light import pattern_light
 from atmofit.clouds.sky_light import sky_elements, sky_light
 from atmofit.clouds.surroundings import Surroundings
-from atmofit.clouds.sweeping import sunlight_reaching
 from atmofit.clouds.volume import Vector, VoxelCloud
 from atmofit.optics.phase import PhaseFunction
 from atmofit.typing import Reals, Scalar

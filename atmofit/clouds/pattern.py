@@ -15,6 +15,7 @@ import jax
 import numpy as np
 
 from atmofit.checks import in_range
+from atmofit.clouds.depths import sunlight_reaching
 from atmofit.clouds.form_factors import (
     DIRECTIONS,
     box_shape,
@@ -25,7 +26,6 @@ from atmofit.clouds.form_factors import (
     scattered,
     unit,
 )
-from atmofit.clouds.sweeping import sunlight_reaching
 from atmofit.clouds.volume import voxel_cloud
 from atmofit.optics.phase import PhaseFunction
 from atmofit.typing import RealsLike

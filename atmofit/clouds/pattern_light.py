@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from atmofit.checks import in_range, is_traced
+from atmofit.clouds.depths import Grid, sunlight_reaching, unit_vector, voxel_size
 from atmofit.clouds.pattern import Paths, ReferencePattern, leg_samples, reference_pattern
-from atmofit.clouds.sweeping import Grid, sunlight_reaching, unit_vector, voxel_size
 from atmofit.clouds.volume import LARGEST_EXTINCTION, Vector, VoxelCloud, voxel_cloud
 from atmofit.extremes import Case, Domain, extremes
 from atmofit.optics.particle_phases import PhaseSum

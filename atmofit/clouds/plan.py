@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from atmofit.checks import choice, in_range, is_traced
+from atmofit.clouds.depths import reaching, voxel_size
 from atmofit.clouds.glow import METHODS, SKY_MESH, SKY_SOURCES, sky_shares
 from atmofit.clouds.ordinates import ordinates
 from atmofit.clouds.pattern_light import occupied
 from atmofit.clouds.sky_light import element_shares, sky_elements
 from atmofit.clouds.surroundings import Surroundings
-from atmofit.clouds.sweeping import reaching, voxel_size
 from atmofit.clouds.volume import Vector, VoxelCloud
 from atmofit.landscape.view import View
 from atmofit.optics.phase import PhaseFunction

@@ -20,8 +20,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from atmofit.checks import in_range
+from atmofit.clouds.depths import reaching, unit_vector
 from atmofit.clouds.pattern_light import phase_toward
-from atmofit.clouds.sweeping import reaching, unit_vector
 from atmofit.clouds.volume import Vector, VoxelCloud, voxel_cloud
 from atmofit.extremes import Case, Domain, extremes
 from atmofit.optics.phase import CornetteShanks, PhaseFunction

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from oracles.cloud_orders import cloud_orders
 
+from atmofit.clouds.depths import sunlight_reaching
 from atmofit.clouds.pattern import (
     adaptive_counts,
     leg_chance,
@@ -15,7 +16,6 @@ from atmofit.clouds.pattern import (
     reference_pattern,
 )
 from atmofit.clouds.pattern_light import cloud_phase, light_by_paths, pattern_light
-from atmofit.clouds.sweeping import sunlight_reaching
 from atmofit.clouds.volume import voxel_cloud
 from atmofit.optics.phase import CornetteShanks
 

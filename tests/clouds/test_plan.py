@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import atmofit as af
+from atmofit.clouds.depths import voxel_size
 from atmofit.clouds.plan import _coarser, _longest_depth, plan_cloud
 from atmofit.clouds.surroundings import clear_surroundings, sunless_surroundings
-from atmofit.clouds.sweeping import voxel_size
 
 PHASE = af.clouds.cloud_phase()
 AROUND = clear_surroundings(2.5, math.radians(50.0), math.radians(100.0))

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from atmofit.clouds.sweeping import optical_depth_toward, sunlight_reaching
+from atmofit.clouds.depths import optical_depth_toward, sunlight_reaching
 from atmofit.clouds.volume import voxel_cloud
 
 LOW, HIGH = (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)
