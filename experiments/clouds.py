@@ -8,6 +8,7 @@ picture's gradient. Writes clouds.png, single pictures, result.json and table.md
 import dataclasses
 import json
 import math
+import re
 import resource
 import subprocess
 import sys
@@ -69,24 +70,21 @@ def main(config: Config) -> None:
         return
     config.out.mkdir(parents=True, exist_ok=True)
     pictures, seconds = {}, {}
-    for name, (preset, elevation, azimuth, distance) in PICTURES.items():
+    tasks = [(name, scene, config.method) for name, scene in PICTURES.items()]
+    tasks.append(("7 (a), three orders, as in 1996", next(iter(PICTURES.values())), "pattern"))
+    for name, scene, method in tasks:
         start = time.perf_counter()
-        pictures[name] = draw_one(config, preset, elevation, azimuth, distance, config.method)
+        pictures[name] = draw_one(config, *scene, method)
         seconds[name] = time.perf_counter() - start
         print(f"{name}: {seconds[name]:.1f} s", flush=True)
-    preset, elevation, azimuth, distance = next(iter(PICTURES.values()))
-    pictures["7 (a), three orders, as in 1996"] = draw_one(
-        config, preset, elevation, azimuth, distance, "pattern"
-    )
-    for name, picture in pictures.items():
-        file = "".join(c for c in name.split(",")[0] if c.isalnum())
-        write_picture(picture, config.out / f"{file}{'' if 'three' not in name else '_1996'}.png")
+        file = re.sub(r"\W+", "_", name)
+        write_picture(pictures[name], config.out / f"{file}.png")
     print(draw(config.out / "clouds.png", pictures))
     result: dict[str, Any] = {"seconds": seconds, "colours": colours(pictures)}
     text = markdown(
         ["picture", "seconds", "x of the cloud", "y", "luminance over the sky's beside it"],
         [
-            [name, f"{seconds.get(name, math.nan):.1f}", *(f"{v:.3f}" for v in values)]
+            [name, f"{seconds[name]:.1f}", *(f"{v:.3f}" for v in values)]
             for name, values in result["colours"].items()
         ],
     )
@@ -119,7 +117,13 @@ def draw_one(
         TURBIDITY, math.radians(90 - elevation), math.radians(azimuth), ALBEDO, middle
     )
     view = staged_view(preset, width=config.width)
-    return render_cloud(cloud, view, around, phase=cloud_phase(), method=method)
+    return render_cloud(cloud, view, around, phase=cloud_phase(), method=method, tell=tell)
+
+
+def tell(stage: str) -> None:
+    """Say what a picture goes without."""
+    if stage.startswith("left out"):
+        print(f"  {stage}", flush=True)
 
 
 def colours(pictures: dict[str, af.Picture]) -> dict[str, tuple[float, float, float]]:
