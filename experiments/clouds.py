@@ -36,8 +36,9 @@ from atmofit.render.film import on_film
 from atmofit.render.pictures import typical_luminance, write_picture
 
 TURBIDITY, ALBEDO = 2.5, 0.15
+Scene = tuple[str, float, float, float | None]
 # Name: preset, elevation and azimuth of the sun [degree], distance [m].
-PICTURES = {
+PICTURES: dict[str, Scene] = {
     "7 (a), sun 65": ("cumulus", 65.0, 120.0, None),
     "7 (b), sun 10, behind": ("cumulus", 10.0, 12.0, None),
     "7 (c), sun 5": ("cumulus", 5.0, 150.0, None),
@@ -74,7 +75,7 @@ def main(config: Config) -> None:
     tasks.append(("7 (a), three orders, as in 1996", next(iter(PICTURES.values())), "pattern"))
     for name, scene, method in tasks:
         start = time.perf_counter()
-        pictures[name] = draw_one(config, *scene, method)
+        pictures[name] = draw_one(config, scene, method)
         seconds[name] = time.perf_counter() - start
         print(f"{name}: {seconds[name]:.1f} s", flush=True)
         file = re.sub(r"\W+", "_", name)
@@ -102,15 +103,9 @@ def main(config: Config) -> None:
     write_run(config.out, config, result, text)
 
 
-def draw_one(
-    config: Config,
-    preset: str,
-    elevation: float,
-    azimuth: float,
-    distance: float | None,
-    method: str,
-) -> af.Picture:
+def draw_one(config: Config, scene: Scene, method: str) -> af.Picture:
     """A picture to the north."""
+    preset, elevation, azimuth, distance = scene
     cloud = staged_cloud(preset, seed=config.seed, voxels=config.voxels, distance=distance)
     middle = float(cloud.low[2] + cloud.high[2]) / 2
     around = clear_surroundings(
