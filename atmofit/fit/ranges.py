@@ -10,8 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from atmofit.checks import choice, in_range
+from atmofit.checks import choice, in_range, is_traced
 from atmofit.fit.few_parameters import Valley
+from atmofit.fit.words import parameter_lines
 from atmofit.typing import Reals, RealsLike, Scalar
 
 _LEFT_OPEN = 0.25  # standard error over half the range, from which data say nothing
@@ -173,13 +174,12 @@ class RangedFit(eqx.Module):
         return tuple(name for name, known in zip(self.NAMES, told, strict=True) if not known)
 
     def __str__(self) -> str:
-        """Values, errors, and what is not determined."""
+        """Values, errors, and what is not determined; of one fit."""
+        if is_traced(self) or self.values.ndim > 1:
+            return repr(self)
         lines = [f"reduced chi-square {self.reduced_chi_square:.2f}"]
-        rows = zip(self.NAMES, self.values, self.standard_error, strict=True)
-        for name, value, error in rows:
-            note = "known" if name not in self.free else f"± {error:.2g}"
-            left = " (not determined)" if name in self.undetermined else ""
-            lines.append(f"  {name:25} {value:8.4g} {note}{left}")
+        notes = ("(not determined)" if n in self.undetermined else "" for n in self.NAMES)
+        lines += parameter_lines(self.NAMES, self.values, self.standard_error, notes)
         return "\n".join([*lines, f"  condition number {self.condition_number:.3g}"])
 
 

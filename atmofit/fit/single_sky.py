@@ -8,11 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from atmofit.checks import angle_in_range, choice, in_range
+from atmofit.checks import angle_in_range, choice, in_range, is_traced
 from atmofit.fit import least_squares, parameters, perez_loss
 from atmofit.fit import weighting as weights
 from atmofit.fit.parameters import PerezPrior
 from atmofit.fit.uncertainty import Uncertainty, uncertainty
+from atmofit.fit.words import parameter_lines
 from atmofit.geometry import HORIZON, DirectionGrid, Directions, scattering_angle
 from atmofit.models.perez import perez_formula
 from atmofit.typing import Reals, RealsLike, Scalar
@@ -53,6 +54,20 @@ class PerezFit(eqx.Module):
     steps: Int[Array, "*sky"]
     weighting: str = eqx.field(static=True, default="relative")
     prior: PerezPrior = DEFAULT_PRIOR
+
+    def __str__(self) -> str:
+        """Coefficients with their errors; of one sky."""
+        if is_traced(self) or self.rms.ndim:
+            return repr(self)
+        values = jnp.append(self.coefficients, self.scale)
+        state = "" if self.converged else ", not converged"
+        return "\n".join(
+            [
+                f"Perez, rms {self.rms:.3g}, {self.weighting}{state}",
+                *parameter_lines((*"ABCDE", "scale"), values, self.standard_error, [""] * 6),
+                f"  condition number {self.condition_number:.3g}",
+            ]
+        )
 
     def predict(
         self, directions: Directions | DirectionGrid, solar_zenith_angle: RealsLike

@@ -9,13 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from atmofit.checks import in_range
+from atmofit.checks import in_range, is_traced
 from atmofit.fit import few_parameters
 from atmofit.fit.candidates import AnalyticSky, Model, Sky
 from atmofit.fit.few_parameters import Valley
 from atmofit.fit.problem import Sought, TurbidityProblem, turbidity_problem
 from atmofit.fit.sky_loss import SkyLoss
 from atmofit.fit.unknowns import Search
+from atmofit.fit.words import parameter_lines
 from atmofit.observe.observation import Observation
 from atmofit.typing import Reals, Scalar
 
@@ -104,6 +105,25 @@ class TurbidityEstimate(eqx.Module):
         """Unknowns of which the sky told hardly anything beyond what was known before."""
         share = np.asarray(self.standard_errors / self.known_before)
         return tuple(name for name, s in zip(self.names, share, strict=True) if not s < _HARDLY)
+
+    def __str__(self) -> str:
+        """Unknowns with their errors, and whether to trust them; of one sky."""
+        if is_traced(self) or self.value.ndim:
+            return repr(self)
+        low, high = self.interval
+        notes = np.where(self.at_edges, "(at an end of its range)", "")
+        notes = [
+            "(the sky tells nothing)" if n in self.untold else str(note)
+            for n, note in zip(self.names, notes, strict=True)
+        ]
+        state = "" if self.converged else ", not converged"
+        return "\n".join(
+            [
+                f"{self.model}, reduced chi-square {self.reduced_chi_square:.2f}{state}",
+                *parameter_lines(self.names, self.parameters, self.standard_errors, notes),
+                f"  95 % interval of turbidity {low:.4g} to {high:.4g}",
+            ]
+        )
 
     def scaled_by_residual(self) -> "TurbidityEstimate":
         """The same with errors times the root of the reduced chi-square, if above 1.
