@@ -95,7 +95,8 @@ def rays(config: Config, random: np.random.Generator, balls: Metaballs) -> dict[
     )
     found, plain = np.asarray(hit.distance), np.asarray(brute)
     both = np.isfinite(found) & np.isfinite(plain)
-    same = both & (np.abs(found - plain) < 0.5 * size / config.samples)
+    off = np.where(both, found, 0.0) - np.where(both, plain, 0.0)
+    same = both & (np.abs(off) < 0.5 * size / config.samples)
     single = jax.tree.map(lambda leaf: leaf.astype(np.float32), (balls, start, step))
     single_s, _ = timed(config, lambda: surface_hit(*single))
     left = np.asarray(balls.density(origin + np.where(both, found, 0.0)[:, None] * toward))
@@ -106,7 +107,7 @@ def rays(config: Config, random: np.random.Generator, balls: Metaballs) -> dict[
         "bezier_s_per_million": 1e6 * clip_s / config.rays,
         "single_s_per_million": 1e6 * single_s / config.rays,
         "brute_s_per_million": 1e6 * brute_s / config.rays,
-        "root_error": float(np.abs(found - plain)[same].max() / size),
+        "root_error": float(np.abs(off[same]).max() / size),
         "residual": float(np.abs(left - float(balls.threshold))[both].max()),
         "brute_missed": int((np.isfinite(found) & ~same).sum()),
         "bezier_missed": int((np.isfinite(plain) & ~np.isfinite(found)).sum()),
