@@ -122,8 +122,14 @@ EXEMPT = {
     "read_sky_model": "reads a file",
 }
 ALL = stability.declarations()
+SLOW = ("media.slab_solution.solve_slab alone", "media.slab_solution.solve_slab over a ground")
 # `make stability` runs the heavy ones too, which take minutes to compile.
-KINDS = [(d, dtype) for d in ALL if not d.heavy for dtype in stability.DTYPES]
+KINDS = [
+    pytest.param(d, dtype, marks=pytest.mark.slow if d.name.startswith(SLOW) else ())
+    for d in ALL
+    if not d.heavy
+    for dtype in stability.DTYPES
+]
 
 
 @pytest.fixture(scope="module")

@@ -66,6 +66,7 @@ def test_rims_are_bright_where_the_sun_is_behind():
     assert rim > 1.2 * Y[row, 0]
 
 
+@pytest.mark.slow
 def test_far_clouds_are_bluish_and_low_suns_make_them_reddish():
     # Of all orders: by one scattering a cloud is dark from this side, and blue as the sky.
     bright = {"method": "converged", "directions": 14}
@@ -97,6 +98,7 @@ def test_the_distance_is_that_of_the_ball():
     assert shown.min() < middle - 0.4 * RADIUS
 
 
+@pytest.mark.slow
 def test_all_orders_are_brighter_than_one_and_white_clouds_are_white():
     one = picture(8e3, 50.0, 180.0)
     all_orders = picture(8e3, 50.0, 180.0, method="converged", directions=14)
@@ -108,6 +110,7 @@ def test_all_orders_are_brighter_than_one_and_white_clouds_are_white():
     assert 0.31 < y < 0.36
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["pattern", "converged"])
 def test_extremes_are_finite(method):
     keywords = {"method": method, "orders": 1, "directions": 14}

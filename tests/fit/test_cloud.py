@@ -39,6 +39,7 @@ def fit(pictures, noise, **keywords):
     return fit_cloud(cloud(4.0), pictures, noise, **keywords)
 
 
+@pytest.mark.slow
 def test_the_truth_is_found_within_its_errors(clean):
     noise = 0.02 * clean.mean()
     random = np.random.default_rng(5)

@@ -248,6 +248,7 @@ def test_weight_zero_leaves_directions_out():
         np.testing.assert_allclose(getattr(fit, name), getattr(short, name), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_robust_errors_are_those_of_repeated_skies():
     """Skies that are wrong as a whole: the naive errors are too small, the robust ones hold."""
     rng = np.random.default_rng(9)

@@ -139,6 +139,7 @@ SUNS = (0.4, 1.1)
 PLAN = SlabPlan(8, 8, 16)
 
 
+@pytest.mark.slow
 def test_all_orders():
     solved = solve_slab(
         optical_depth=0.8,

@@ -202,6 +202,7 @@ def test_changed_data_compile_nothing():
     assert not np.allclose(first, second)
 
 
+@pytest.mark.slow
 def test_single_precision():
     zenith, azimuth = np.asarray(GRID.view_zenith_angle), np.asarray(GRID.relative_azimuth)
     plans = {"preetham": None, "simulator": dataclasses.replace(PLAN, dtype="float32")}

@@ -116,6 +116,7 @@ def test_a_model_error_widens_the_interval_to_hold_a_wrong_level():
     assert named.standard_error > 3 * bare.standard_error
 
 
+@pytest.mark.slow
 def test_spectra_and_cameras():
     λ = np.arange(400.0, 701.0, 20.0)
     model = af.ATMOFIT_2026

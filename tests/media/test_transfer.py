@@ -70,6 +70,7 @@ def test_quadrature_is_exact():
     assert checked >= 40
 
 
+@pytest.mark.slow
 def test_plans_keep_their_tolerance_in_ten_thousand_random_cases():
     chosen = set()
     for _ in range(100):

@@ -56,6 +56,7 @@ def test_the_sun_is_found_and_what_is_no_sky_is_masked_and_counted():
     assert sky.cell.max() == sky.observation.values.shape[0] - 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exposure", ["unknown", "each channel"])
 def test_turbidity_comes_back(exposure):
     sky = af.sky_from_photograph(Photograph(spoilt()[0]), af.SkySettings(exposure=exposure))

@@ -192,6 +192,7 @@ def test_two_orders_of_the_standard_sky():
     assert (apart > 0).all()
 
 
+@pytest.mark.slow
 def test_slopes_of_the_standard_sky():
     def total(pressure, ozone):
         atmosphere = af.Atmosphere.standard(surface_pressure=pressure, ozone_dobson=ozone)

@@ -92,6 +92,7 @@ def _exact(case, geometry, change=0.0):
     return float(radiance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("geometry", GEOMETRIES)
 def test_radiance_and_slope_are_those_of_the_stiff_solver(geometry):
     errors = {}

@@ -53,6 +53,7 @@ def test_radiance_is_never_negative(turbidity, sun_deg, geometry):
     assert (np.asarray(sky) >= 0).all()
 
 
+@pytest.mark.slow
 def test_two_rungs_agree_in_thick_haze():
     """Turbidity 20 is an optical depth of 1.9, which thins the light by powers of ten."""
     air = af.Atmosphere.from_turbidity(20.0)

@@ -58,6 +58,7 @@ def with_slopes(request):
     return run, dtype
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*STEPS, "sun"])
 def test_slopes_match_differences(with_slopes, name):
     run, dtype = with_slopes
@@ -124,6 +125,7 @@ def test_slopes_from_a_coarser_sky():
         af.plan_sky(air, rtol=1e-2, slopes_rtol=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edge", EDGES)
 def test_value_and_slopes_are_finite_at_the_edges(with_slopes, edge):
     changes, sun = EDGES[edge]

@@ -101,6 +101,7 @@ def test_values_must_be_known():
     jax.jit(lambda T: af.plan_sky(af.Atmosphere.from_turbidity(T), orders="all") and T)(2.0)
 
 
+@pytest.mark.slow
 def test_a_planned_sky_is_the_sky():
     """Against a finer rung with nothing left out."""
     hazy = dataclasses.replace(af.Atmosphere.from_turbidity(3.0), ground=af.Ground(0.2))

@@ -148,6 +148,7 @@ def test_turning_moves_the_sun():
     np.testing.assert_allclose(moved[:, inside], expected[:, inside], atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_twilight_is_finite_and_fades(dtype):
     air = af.Atmosphere.from_turbidity(3.0)

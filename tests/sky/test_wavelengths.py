@@ -20,6 +20,7 @@ def sky(air, sun, every):
     return np.asarray(af.simulate_sky(air, sun, DIRECTIONS, WAVELENGTHS, plan=plan))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sun_deg", [30.0, 85.0])
 def test_few_wavelengths_hold_ozone_and_a_coloured_ground(sun_deg):
     air = af.Atmosphere.standard(
