@@ -9,10 +9,10 @@ CACHE := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)
 export JAX_COMPILATION_CACHE_DIR ?= $(CACHE)/atmofit/jax
 
 .DEFAULT_GOAL := help
-.PHONY: help install refit test lint bench stability docs clean
+.PHONY: help install refit test notebooks lint bench stability docs clean
 
 help:  ## Show the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-9s %s\n", $$1, $$2}' Makefile
 
 install: $(STAMP)  ## Create .venv and install atmofit into it
 
@@ -21,9 +21,12 @@ refit: $(STAMP)  ## Regenerate the coefficient matrices: tables, pictures and re
 
 # The tests compile hundreds of programs and run each on few nodes: quick compilation is worth more
 # than quick programs there (half the time of the whole run).
-test: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0
+test notebooks: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0
 test: $(STAMP)  ## Run the tests on two processes, each file on one of them
-	$(BIN)/python -m pytest -n 2 --dist loadfile -q
+	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m "not notebooks"
+
+notebooks: $(STAMP)  ## Execute the notebooks, small, with the seconds of each
+	$(BIN)/python -m pytest -n 2 -q -m notebooks --durations=0 --durations-min=1 tests/test_notebooks.py
 
 lint: $(STAMP)  ## Check style, formatting and types
 	$(BIN)/ruff check

@@ -20,6 +20,7 @@ def test_every_notebook_has_its_script():
     assert [path.stem for path in NOTEBOOKS] == [path.stem for path in SCRIPTS]
 
 
+@pytest.mark.notebooks
 @pytest.mark.slow
 @pytest.mark.timeout(600)  # on an empty compilation cache
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
