@@ -9,7 +9,7 @@ CACHE := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)
 export JAX_COMPILATION_CACHE_DIR ?= $(CACHE)/atmofit/jax
 
 .DEFAULT_GOAL := help
-.PHONY: help install refit test notebooks lint bench stability docs clean
+.PHONY: help install refit test slow notebooks lint bench stability docs clean
 
 help:  ## Show the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-9s %s\n", $$1, $$2}' Makefile
@@ -21,9 +21,12 @@ refit: $(STAMP)  ## Regenerate the coefficient matrices: tables, pictures and re
 
 # The tests compile hundreds of programs and run each on few nodes: quick compilation is worth more
 # than quick programs there (half the time of the whole run).
-test notebooks: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0
+test slow notebooks: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0
 test: $(STAMP)  ## Run the tests on two processes, each file on one of them
-	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m "not notebooks"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m "not slow"
+
+slow: $(STAMP)  ## Run the tests that make test leaves out: comparisons and studies of over ten seconds
+	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m "slow and not notebooks"
 
 notebooks: $(STAMP)  ## Execute the notebooks, small, with the seconds of each
 	$(BIN)/python -m pytest -n 2 -q -m notebooks --durations=0 --durations-min=1 tests/test_notebooks.py

@@ -147,7 +147,7 @@ def test_no_check_fails(declaration, dtype, count):
 
 
 def test_there_are_enough_checks(count):
-    if len(count) < len(KINDS):
+    if len(count) < len(KINDS) - 2 * len(stability.DTYPES):  # the slow ones
         pytest.skip("some functions were not run")
     assert sum(count.values()) >= 600
 
