@@ -15,13 +15,13 @@ import tyro
 from atmofit.cli_sky import Sky
 from atmofit.cli_stability import Stability
 from atmofit.cli_turbidity import Turbidity
+from atmofit.files import output_folder
 from atmofit.fit.comparison import compare
 from atmofit.fit.pieces import DamagedPieceWarning
 from atmofit.fit.refit import refit
 from atmofit.fit.skies import RefitSettings, simulate_skies
 from atmofit.fit.training import TrainingSettings, train
 from atmofit.io import (
-    output_folder,
     read_coefficients,
     read_settings,
     read_sky_model,

@@ -7,12 +7,12 @@ from typing import Annotated, Literal
 
 import tyro
 
+from atmofit.files import output_folder
 from atmofit.fit.candidates import SimulatorModel
 from atmofit.fit.judgement import judge
 from atmofit.fit.posterior import profile_turbidity
 from atmofit.fit.problem import turbidity_problem
 from atmofit.fit.turbidity import estimate_turbidity
-from atmofit.io import output_folder
 from atmofit.models.sky_model import SkyModel
 from atmofit.models.stored import ATMOFIT_2026
 from atmofit.observe.images import read_photograph

@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from atmofit.files import output_folder as output_folder
-from atmofit.files import readable_file
-from atmofit.files import replace_file as replace_file
+from atmofit.files import output_folder, readable_file, replace_file
 from atmofit.fit import identifiability_words, verdict
 from atmofit.fit.refit import RefitResult
 from atmofit.fit.skies import QUANTITIES, RefitSettings

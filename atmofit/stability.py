@@ -19,7 +19,7 @@ import numpy as np
 
 import atmofit
 from atmofit.extremes import DECLARATIONS, Case, Declaration, Domain, Numbers, Span
-from atmofit.io import replace_file
+from atmofit.files import replace_file
 from atmofit.typing import Reals
 
 DTYPES = ("float32", "float64")

@@ -19,7 +19,7 @@ from error_vs_runtime_errors import Results, rung
 from error_vs_runtime_oracle import WAVELENGTH_NM, quadrature, reference_skies
 from error_vs_runtime_report import rung_table
 
-from atmofit.io import replace_file
+from atmofit.files import replace_file
 from atmofit.sky.ladder import LADDER
 
 _JOB_DIRECTIONS = 60 * 343

@@ -22,8 +22,8 @@ from error_vs_runtime_oracle import VIEWS_DEG, random_skies, reference_skies
 from error_vs_runtime_peers import Measure, compare
 from error_vs_runtime_report import Row, draw_pareto, table
 
+from atmofit.files import replace_file
 from atmofit.fit.dataset import versions
-from atmofit.io import replace_file
 from atmofit.sky import ladder
 
 # Around the base rung: mostly fewer, one that is more.

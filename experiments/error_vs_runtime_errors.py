@@ -21,7 +21,7 @@ from error_vs_runtime_oracle import (
 )
 
 import atmofit as af
-from atmofit.io import replace_file
+from atmofit.files import replace_file
 from atmofit.sky.ladder import Nodes
 
 _FLAT_BELOW = np.radians(70.0)  # views and suns that the "paper" geometry takes as flat

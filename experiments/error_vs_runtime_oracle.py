@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import atmofit as af
-from atmofit.io import replace_file
+from atmofit.files import replace_file
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 import oracles

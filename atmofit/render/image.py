@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from atmofit.io import replace_file
+from atmofit.files import replace_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

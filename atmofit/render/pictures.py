@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from atmofit.colour import XYZ_to_linear_sRGB, XYZ_to_xyY
+from atmofit.files import replace_file
 from atmofit.geometry import HORIZON, Directions
-from atmofit.io import replace_file
 from atmofit.landscape.picture import Picture
 from atmofit.render.film import on_film
 from atmofit.render.image import save_bytes
