@@ -61,6 +61,7 @@ class Declaration:
         derivative: "reverse", "forward" or "none": how the slopes are taken.
         heavy: Whether it takes long to compile, so that only the command looks at it.
         least: No value may lie below it; None: values of either sign.
+        rounding: By so many units of rounding of 1 a value may, as a difference of such.
     """
 
     subject: Any
@@ -71,6 +72,7 @@ class Declaration:
     derivative: str
     heavy: bool
     least: float | None
+    rounding: float = 0.0
 
     @property
     def name(self) -> str:
@@ -89,6 +91,7 @@ def extremes(
     derivative: str = "reverse",
     heavy: bool = False,
     least: float | None = None,
+    rounding: float = 0.0,
     **spans: Span,
 ) -> Callable[[Subject], Subject]:
     """Declare the extremes of the function or class below.
@@ -103,6 +106,7 @@ def extremes(
         derivative: "reverse", "forward" or "none".
         heavy: It takes long to compile: only the command looks at it, not the tests.
         least: No value may lie below it, as light is not negative.
+        rounding: By so many units of rounding of 1 a value may, where it is the difference of such.
         **spans: A `Span` or `Domain` for each argument.
 
     Returns:
@@ -121,7 +125,7 @@ def extremes(
     def declare(subject: Subject) -> Subject:
         function = subject if call is None else call
         DECLARATIONS.append(
-            Declaration(subject, part, function, spans, cases, derivative, heavy, least)
+            Declaration(subject, part, function, spans, cases, derivative, heavy, least, rounding)
         )
         return subject
 

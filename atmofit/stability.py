@@ -173,7 +173,8 @@ def judged(
     """What has to hold everywhere: all finite, and light not negative."""
     yield ("value finite", *_finite(value))
     if declaration.least is not None:
-        good = not (value < declaration.least).any()
+        unit = float(np.finfo(value.dtype).eps)
+        good = not (value < declaration.least - declaration.rounding * unit).any()
         yield (
             f"value not below {declaration.least:g}",
             good,

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from atmofit.clouds.volume import Vector
 from atmofit.numerics import legendre_table
-from atmofit.optics.phase import PhaseFunction
+from atmofit.optics.phase import PhaseFunction, resolved
 from atmofit.typing import Reals, Scalar
 
 # Number of directions: the degree to which the rule is exact, and its orbits, each a direction
@@ -131,8 +131,7 @@ class ScaledPhase(eqx.Module):
         """Cut so that this number of directions holds the rest."""
         degrees = degree_held(count) + 1
         moments = phase.moments(degrees + 1, wavelength)[:, 0].astype(wavelength.dtype)
-        peak = moments[-1]
-        return cls((moments[:-1] - peak) / (1 - peak), peak)
+        return cls(*resolved(moments))
 
     def matrix(self, count: int) -> Float[Array, "into out_of"]:
         """Share of the light of one direction that is scattered into another; columns add to 1."""

@@ -27,7 +27,7 @@ from atmofit.media.doubling import (
 from atmofit.media.slab import lit_and_seen
 from atmofit.media.slab_plan import THICKEST_SLAB, SlabPlan, streams_for
 from atmofit.numerics import mean_decay
-from atmofit.optics.phase import HenyeyGreenstein, PhaseFunction
+from atmofit.optics.phase import HenyeyGreenstein, PhaseFunction, resolved
 from atmofit.typing import Reals, RealsLike, Scalar, real_array
 
 
@@ -196,17 +196,17 @@ class Scaled(eqx.Module):
 
 
 def scaled(slabs: Slabs, streams: int) -> Scaled:
-    """Cut the peak off: all beyond the last degree that the streams can hold (Wiscombe 1977)."""
+    """Cut off what the streams cannot hold, see `resolved`."""
     moments = jnp.stack(
         [phase.moments(streams + 1, slabs.wavelength_nm)[:, 0] for phase in slabs.phases]
     ).astype(slabs.optical_depth.dtype)
-    peak = moments[:, -1]
+    kept, peak = resolved(moments)
     albedo = slabs.single_scattering_albedo
     left = 1 - albedo * peak
     return Scaled(
         left * slabs.optical_depth,
         albedo * (1 - peak) / left,
-        (moments[:, :-1] - peak[:, None]) / (1 - peak)[:, None],
+        kept,
         peak,
     )
 
@@ -358,4 +358,5 @@ for _ground in (False, True):
         sun=Domain(0.0, HORIZON),
         view=Domain(0.0, np.pi),
         least=0.0,
+        rounding=4.0,  # of the light that comes in, of which what goes out is a part
     )(solve_slab)

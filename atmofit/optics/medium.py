@@ -14,7 +14,7 @@ from atmofit.numerics import chebyshev_basis, legendre_to_chebyshev, safe_divide
 from atmofit.optics.air import LARGEST_PRESSURE
 from atmofit.optics.atmosphere import Atmosphere
 from atmofit.optics.gases import LARGEST_OZONE_DOBSON
-from atmofit.optics.phase import PhaseFunction
+from atmofit.optics.phase import PhaseFunction, forward_peak
 from atmofit.optics.profiles import DensityProfile
 from atmofit.spectrum import at
 from atmofit.typing import Reals, Scalar
@@ -81,8 +81,7 @@ class Medium(eqx.Module):
     def peaks_apart(self, degrees: int, unscattered: bool) -> "Medium":
         """Set apart the forward peaks that so many Legendre moments do not resolve.
 
-        A peak's share is the first moment left out, which all further ones approach (delta
-        scaling, Wiscombe 1977); 0 for backward peaks, whose moments alternate.
+        See `forward_peak`.
 
         Args:
             degrees: Legendre moments. Static.
@@ -90,8 +89,7 @@ class Medium(eqx.Module):
         """
         if all(phase.degree is not None and phase.degree < degrees for phase in self.phases):
             return self
-        last = self._phase_moments(degrees + 1)[:, -2:]
-        peaks = jnp.maximum(last.min(axis=1), 0.0)
+        peaks = forward_peak(jnp.moveaxis(self._phase_moments(degrees + 1), 1, -1))
         apart = eqx.tree_at(lambda m: m.peaks, self, peaks, is_leaf=lambda leaf: leaf is None)
         if not unscattered:
             return apart

@@ -62,6 +62,43 @@ class PhaseFunction(eqx.Module):
         return self
 
 
+def forward_peak(moments: Float[Array, "*s l"]) -> Float[Array, "*s"]:
+    """Share of the scattered light in a forward peak that Legendre moments do not resolve.
+
+    The last moment, which all further ones approach (delta scaling); 0 for backward peaks, whose
+    moments alternate.
+
+    Args:
+        moments: At least two, the last one beyond those that are resolved [-].
+
+    References:
+        Wiscombe (1977), J. Atmos. Sci. 34, 1408.
+    """
+    return jnp.maximum(jnp.min(moments[..., -2:], axis=-1), 0.0)
+
+
+def resolved(moments: Float[Array, "*s l"]) -> tuple[Float[Array, "*s l_"], Float[Array, "*s"]]:
+    """Legendre moments of a phase function without the peaks that they do not resolve.
+
+    The forward peak is taken out. A backward peak stays, as its Cesaro mean of second order,
+    without which the series has negative ripples as large as itself.
+
+    Args:
+        moments: At least two, the last one beyond those that are resolved [-].
+
+    Returns:
+        All moments but the last, of what is left, and the forward peak's share [-].
+    """
+    degree = np.arange(moments.shape[-1])
+    sign, last = np.where(degree % 2, -1.0, 1.0), degree[-1]
+    mean = (last + 1 - degree) * (last - degree) / ((last + 1) * last)
+    behind, blurred = (jnp.asarray(x, moments.dtype) for x in (sign, sign * (1 - mean)))
+    axes = (None,) * (moments.ndim - 1)
+    backward = forward_peak(moments * behind[axes])[..., None] * blurred[axes]
+    peak = forward_peak(moments)
+    return (moments - peak[..., None] - backward)[..., :-1] / (1 - peak)[..., None], peak
+
+
 class Rayleigh(PhaseFunction):
     """Scattering by air molecules, 3 / (16 pi) (1 + cos^2) if they are isotropic.
 

@@ -7,6 +7,7 @@ import pytest
 from scipy import special
 
 import atmofit as af
+from atmofit.optics.phase import resolved
 from atmofit.tables import preetham1999_phase, preetham1999_spectra
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(3000)  # another rule than the library's
@@ -165,3 +166,28 @@ def test_arguments_that_are_refused():
     for kind in (af.HenyeyGreenstein, af.CornetteShanks):
         with pytest.raises(ValueError, match=r"asymmetry must be between .*, got 1$"):
             kind(1.0).checked()
+
+
+def test_unresolved_peaks_are_cut_forward_and_blurred_backward():
+    λ = jnp.array([550.0])
+    cosine = np.linspace(-1.0, 1.0, 2001)
+    for g in (0.99, 0.8, 0.0, -0.5, -0.9, -0.999):
+        moments = af.HenyeyGreenstein(g).moments(17, λ)[:, 0]
+        kept, peak = resolved(moments)
+        # Delta scaling: what is left has the first moments, the peak put back.
+        np.testing.assert_allclose(kept[0], 1.0, rtol=1e-12)
+        assert float(peak) == pytest.approx(max(g, 0.0) ** 16)
+        if g > 0:
+            np.testing.assert_allclose(kept * (1 - peak) + peak, moments[:-1], rtol=1e-12)
+        if g == -0.999:
+            degree = np.arange(kept.size)
+            least, bare = (
+                np.polynomial.legendre.legval(cosine, (2 * degree + 1) * np.asarray(x)).min()
+                for x in (kept, moments[:-1])
+            )
+            # Cesaro's mean of a peak is nowhere negative.
+            assert bare < -20
+            assert least > 1e-3 * bare  # seen: -0.008 and -34
+    # Resolved: nothing changes.
+    wide = af.HenyeyGreenstein(-0.3).moments(33, λ)[:, 0]
+    np.testing.assert_allclose(resolved(wide)[0], wide[:-1], atol=1e-15)
