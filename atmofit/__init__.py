@@ -157,6 +157,13 @@ from atmofit.optics.standard_atmosphere import (
     standard_pressure,
     standard_temperature,
 )
+from atmofit.scale.blocks import BlockRun, run_blocks
+from atmofit.scale.devices import device_mesh, over_devices
+from atmofit.scale.fit_work import FitWork
+from atmofit.scale.hosts import Hosts, join_hosts
+from atmofit.scale.series_work import SeriesWork
+from atmofit.scale.sky_work import SkyWork
+from atmofit.scale.store import BlockStore, verify_store
 from atmofit.sky.direct import simulate_sun
 from atmofit.sky.field import SkyField
 from atmofit.sky.plan import Plan
@@ -178,6 +185,8 @@ __all__ = [
     "AdaptiveSky",
     "Atmosphere",
     "Basis",
+    "BlockRun",
+    "BlockStore",
     "CIEShape",
     "Camera",
     "CloudFit",
@@ -192,12 +201,14 @@ __all__ = [
     "DustFit",
     "Exponential",
     "ExponentialLayers",
+    "FitWork",
     "FogLayer",
     "FogTransfer",
     "GaussianLayer",
     "Ground",
     "Haze",
     "HenyeyGreenstein",
+    "Hosts",
     "Identifiability",
     "Isotropic",
     "LambertSphere",
@@ -227,6 +238,7 @@ __all__ = [
     "RefitSettings",
     "RingProfile",
     "ScatteringOrders",
+    "SeriesWork",
     "Shape",
     "SimulatorModel",
     "SizeDistribution",
@@ -235,6 +247,7 @@ __all__ = [
     "SkyModel",
     "SkyModelFit",
     "SkySettings",
+    "SkyWork",
     "SlabPlan",
     "SlabSolution",
     "SlabView",
@@ -270,6 +283,7 @@ __all__ = [
     "daylight_spectrum",
     "debug_checks",
     "dense_optical_depth",
+    "device_mesh",
     "diffuse_fog",
     "direct_sun_radiance",
     "direct_sun_xyY",
@@ -300,6 +314,7 @@ __all__ = [
     "identify_perez",
     "identify_zenith",
     "in_sphere_shadow",
+    "join_hosts",
     "junge_sizes",
     "king_factor",
     "layered_sky",
@@ -315,6 +330,7 @@ __all__ = [
     "opposition_factor",
     "optical_mass",
     "over_background",
+    "over_devices",
     "overcast_light",
     "path_transfer",
     "perez",
@@ -337,6 +353,7 @@ __all__ = [
     "refit",
     "render_landscape",
     "ring_brightness",
+    "run_blocks",
     "sample_turbidity",
     "saturn_ring_phase",
     "scattering_angle",
@@ -370,5 +387,6 @@ __all__ = [
     "turbidity_of",
     "turbidity_problem",
     "two_layers",
+    "verify_store",
     "xyY_to_XYZ",
 ]

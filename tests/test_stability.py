@@ -120,6 +120,17 @@ EXEMPT = {
     "simulate_training": "a table of simulate_sky",
     "train": "simulate_training and fit_sky_model",
     "read_sky_model": "reads a file",
+    "BlockRun": "result of run_blocks",
+    "BlockStore": "files",
+    "FitWork": "fit_perez to many skies",
+    "Hosts": "two counts, checked when made",
+    "SeriesWork": "estimate_turbidity of many skies",
+    "SkyWork": "a table of simulate_sky",
+    "device_mesh": "known numbers only",
+    "join_hosts": "words and known numbers",
+    "over_devices": "another function's rows",
+    "run_blocks": "writes files",
+    "verify_store": "reads files",
 }
 ALL = stability.declarations()
 SLOW = ("media.slab_solution.solve_slab alone", "media.slab_solution.solve_slab over a ground")

@@ -102,6 +102,22 @@ class TrainingSettings:
             dtype=self.dtype,
         )
 
+    def radiance(
+        self, plan: Plan, directions: Directions, turbidity: Scalar, albedo: Scalar
+    ) -> Reals:
+        """Over the sun's irradiance, [sun, direction, wavelength of `all_wavelength_nm`], sr^-1."""
+        λ = jnp.asarray(self.all_wavelength_nm)
+        field = solve_sky(self.atmosphere(turbidity, albedo), λ, plan=plan)
+        suns = jnp.radians(jnp.asarray(self.solar_zenith_angle_deg))
+        look = lambda sun: field.radiance(sun, directions, 1.0)  # noqa: E731
+        return jax.lax.map(look, suns, batch_size=_SUNS_AT_ONCE)
+
+    def XYZ(self, radiance: Reals | np.ndarray) -> Reals:
+        """Colours under the standard sun, [..., 3], cd m^-2, of [..., `all_wavelength_nm`]."""
+        chosen = radiance[..., np.searchsorted(self.all_wavelength_nm, _COLOUR_NM)].astype(float)
+        sun = np.asarray(solar_irradiance_spectrum("standard")(_COLOUR_NM), float)
+        return spectrum_to_XYZ(chosen * sun.reshape((1,) * (chosen.ndim - 1) + (-1,)), _COLOUR_NM)
+
     @property
     def simulated(self) -> dict[str, Any]:
         """The settings, and what they make of the plan."""
@@ -137,10 +153,7 @@ class TrainingSkies:
 
     def XYZ(self) -> np.ndarray:
         """Colours under the standard sun, [sky, direction, 3], cd m^-2."""
-        λ = self.settings.all_wavelength_nm
-        sun = np.asarray(solar_irradiance_spectrum("standard")(_COLOUR_NM), float)
-        chosen = self.radiance[..., np.searchsorted(λ, _COLOUR_NM)].astype(float) * sun
-        XYZ = np.asarray(spectrum_to_XYZ(chosen, _COLOUR_NM))
+        XYZ = np.asarray(self.settings.XYZ(self.radiance))
         return XYZ.reshape(-1, *XYZ.shape[-2:])
 
     def channels(self) -> np.ndarray:
@@ -176,15 +189,7 @@ def simulate_training(
     with jax.enable_x64(True), clock.stage("simulation"):
         directions, plan = dome_343(), settings.plan()
         kept = None if pieces is None else Pieces.open(pieces, simulation_key(settings.simulated))
-        λ = jnp.asarray(settings.all_wavelength_nm)
-        suns = jnp.radians(jnp.asarray(settings.solar_zenith_angle_deg))
-
-        @jax.jit
-        def simulated(turbidity: Scalar, albedo: Scalar) -> Reals:
-            field = solve_sky(settings.atmosphere(turbidity, albedo), λ, plan=plan)
-            look = lambda sun: field.radiance(sun, directions, 1.0)  # noqa: E731
-            return jax.lax.map(look, suns, batch_size=_SUNS_AT_ONCE)
-
+        simulated = jax.jit(lambda *at: settings.radiance(plan, directions, *at))
         done, read = [], 0
         for i, j in table:
             clock.tell(f"piece {len(done) + 1} of {len(table)}")

@@ -1,0 +1,1 @@
+"""Many skies on many devices and machines, in blocks that outlive a kill."""
