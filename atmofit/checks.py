@@ -55,24 +55,35 @@ def in_range(
         ValueError: A known value lies outside.
     """
     if not is_traced(value):
-        given = np.asarray(value)
-        known = given.astype(float)
-        # In the value's own precision, so that the float32 nearest to a limit lies inside.
-        kind = given.dtype if given.dtype.kind == "f" else known.dtype
-        least, most = (float(np.asarray(end, kind)) for end in (low - slack, high + slack))
-        bad = ~((known >= least) & (known <= most) & np.isfinite(known))
-        if bad.any():
-            worst = known[bad].flat[0]
-            raise ValueError(
-                f"{name} must be {_allowed(low, high, unit)}, got {worst:.6g}"
-                + (f" ({bad.sum()} of {known.size} values)" if known.size > 1 else "")
-            )
+        refuse_beyond(name, value, low, high, unit, slack=slack)
         return real_array(value)
     array = real_array(value)
     inside = (array >= low - slack) & (array <= high + slack) & jnp.isfinite(array)
     if _debug:
         return eqx.error_if(array, ~inside, f"{name} must be {_allowed(low, high, unit)}")
     return jnp.where(inside, array, jnp.nan)
+
+
+def refuse_beyond(
+    name: str, value: RealsLike, low: float, high: float, unit: str = "", *, slack: float = 0.0
+) -> None:
+    """Like `in_range` for a known value, without JAX: also for what is made on import.
+
+    Raises:
+        ValueError: It lies outside.
+    """
+    given = np.asarray(value)
+    known = given.astype(float)
+    # In the value's own precision, so that the float32 nearest to a limit lies inside.
+    kind = given.dtype if given.dtype.kind == "f" else known.dtype
+    least, most = (float(np.asarray(end, kind)) for end in (low - slack, high + slack))
+    bad = ~((known >= least) & (known <= most) & np.isfinite(known))
+    if bad.any():
+        worst = known[bad].flat[0]
+        raise ValueError(
+            f"{name} must be {_allowed(low, high, unit)}, got {worst:.6g}"
+            + (f" ({bad.sum()} of {known.size} values)" if known.size > 1 else "")
+        )
 
 
 def angle_in_range(name: str, value: RealsLike, low: float, high: float) -> Reals:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 import jax
 import tyro
 
+from atmofit.cli_scale import Dataset, Series
 from atmofit.cli_sky import Sky
 from atmofit.cli_stability import Stability
 from atmofit.cli_turbidity import Turbidity
@@ -231,6 +232,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "check": Check,
         "sky": Sky,
         "turbidity": Turbidity,
+        "dataset": Dataset,
+        "series": Series,
         "export": Export,
         "stability": Stability,
     }

@@ -115,7 +115,7 @@ class TrainingSettings:
     def XYZ(self, radiance: Reals | np.ndarray) -> Reals:
         """Colours under the standard sun, [..., 3], cd m^-2, of [..., `all_wavelength_nm`]."""
         chosen = radiance[..., np.searchsorted(self.all_wavelength_nm, _COLOUR_NM)].astype(float)
-        sun = np.asarray(solar_irradiance_spectrum("standard")(_COLOUR_NM), float)
+        sun = solar_irradiance_spectrum("standard")(_COLOUR_NM).astype(float)
         return spectrum_to_XYZ(chosen * sun.reshape((1,) * (chosen.ndim - 1) + (-1,)), _COLOUR_NM)
 
     @property

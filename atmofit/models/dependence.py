@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from atmofit.checks import choice, in_range
+from atmofit.checks import choice, refuse_beyond
 from atmofit.typing import Scalar
 
 KINDS = ("polynomial", "spline")
@@ -33,7 +33,7 @@ class Basis(eqx.Module):
     def __check_init__(self) -> None:
         """Check what shapes the program."""
         choice("kind", self.kind, KINDS)
-        in_range("size", self.size, 4.0 if self.kind == "spline" else 1.0, 64.0)
+        refuse_beyond("size", self.size, 4.0 if self.kind == "spline" else 1.0, 64.0)
 
     def __call__(self, coordinate: Scalar) -> Float[Array, " size"]:
         """The functions' values."""
@@ -74,8 +74,8 @@ class Dependence(eqx.Module):
             raise ValueError(
                 f"turbidity_range must increase from at least 1, got ({low:.6g}, {high:.6g})"
             )
-        in_range("latest_sun_deg", self.latest_sun_deg, 1.0, 96.0, "degree")
-        in_range("largest_albedo", self.largest_albedo, 0.01, 1.0)
+        refuse_beyond("latest_sun_deg", self.latest_sun_deg, 1.0, 96.0, "degree")
+        refuse_beyond("largest_albedo", self.largest_albedo, 0.01, 1.0)
 
     @property
     def size(self) -> int:

@@ -10,6 +10,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.extend.core import jaxpr_as_fun
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 AXIS = "device"
@@ -34,13 +35,18 @@ def device_mesh(count: int | None = None) -> Mesh:
     if count is not None:
         if count < 1:
             raise ValueError(f"devices must be at least 1, got {count}")
-        with contextlib.suppress(RuntimeError):  # JAX has computed already: what there is must do
-            jax.config.update("jax_num_cpu_devices", count)
+        count_cpu_devices(count)
     found = jax.local_devices()
     wanted = len(found) if count is None else count
     if wanted > len(found):
         raise ValueError(f"devices must be at most the {len(found)} that JAX has, got {wanted}")
     return jax.make_mesh((wanted,), (AXIS,), axis_types=(AxisType.Auto,), devices=found[:wanted])
+
+
+def count_cpu_devices(count: int) -> None:
+    """Let the CPU be so many devices, unless JAX has computed already and their number is fixed."""
+    with contextlib.suppress(RuntimeError):
+        jax.config.update("jax_num_cpu_devices", count)
 
 
 def over_devices(
@@ -65,11 +71,24 @@ def over_devices(
         raise ValueError(f"group must be at least 1, got {group}")
     mesh = device_mesh() if mesh is None else mesh
     sharding = NamedSharding(mesh, _SPREAD)
-    # The rows do not meet, so there is nothing to check about what devices share.
-    spread = jax.shard_map(
-        function, mesh=mesh, in_specs=_SPREAD, out_specs=_SPREAD, check_vma=False
-    )
-    program = jax.jit(spread)
+    programs: dict[Any, Callable[[Any], Any]] = {}
+
+    def compiled(part: Any) -> Callable[[Any], Any]:
+        """The program for a group of such arrays, made once."""
+        one = jax.tree.map(lambda x: jax.ShapeDtypeStruct((group, *x.shape[1:]), x.dtype), part)
+        kind = (jax.tree.structure(one), *jax.tree.leaves(one))
+        if kind not in programs:
+            # The rows do not meet, so there is nothing to check about what devices share.
+            spread = jax.shard_map(
+                _traced(function, one),
+                mesh=mesh,
+                in_specs=_SPREAD,
+                out_specs=_SPREAD,
+                check_vma=False,
+            )
+            programs[kind] = jax.jit(spread)
+        return programs[kind]
+
     at_once = mesh.size * group
 
     def call(rows: Any) -> Any:
@@ -78,8 +97,22 @@ def over_devices(
         for first in range(0, count, at_once):
             chosen = np.minimum(np.arange(first, first + at_once), count - 1)
             part = jax.tree.map(lambda leaf, rows=chosen: np.asarray(leaf)[rows], rows)
-            done.append(program(jax.device_put(part, sharding)))  # does not wait
+            done.append(compiled(part)(jax.device_put(part, sharding)))  # does not wait
         return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *jax.device_get(done))
+
+    return call
+
+
+def _traced(function: Callable[[Any], Any], like: Any) -> Callable[[Any], Any]:
+    """A function that is traced now, as for one device.
+
+    Some solvers (lineax 0.1) refuse arrays that know of a mesh, as those inside a shard_map do.
+    """
+    traced, shapes = jax.make_jaxpr(jax.jit(function), return_shape=True)(like)
+    structure = jax.tree.structure(shapes)
+
+    def call(rows: Any) -> Any:
+        return jax.tree.unflatten(structure, jaxpr_as_fun(traced)(*jax.tree.leaves(rows)))
 
     return call
 

@@ -99,7 +99,7 @@ class FitWork(Work):
     def inputs(self, first: int, last: int) -> np.ndarray:
         """Luminances of some rows, [air, sun, direction]."""
         with self.source.dataset() as data:
-            return data["xyY"].isel(air=slice(first, last)).values[:, self.suns, :, 2]
+            return data["xyY"].isel(air=slice(first, last)).values[..., 2][:, self.suns]
 
     def compute(self, inputs: Reals) -> dict[str, Reals]:
         """The fits of a row."""

@@ -70,17 +70,16 @@ class SkyWork(Work):
                 "radiance over the sun's irradiance",
             ),
             "xyY": Variable(
-                (*axes, "colour"), (*dome, 3), "float64", "1, 1, cd m-2", "colour, standard sun"
+                (*axes, "colour"), (*dome, 3), "float64", "1, 1, cd m-2", "x, y, Y, standard sun"
             ),
         }
 
     @property
     def coordinates(self) -> dict[str, Coordinate]:
-        """Of air, sun, direction and wavelength."""
+        """Of air, sun, direction, wavelength."""
         T, albedo = self.table
         return sky_coordinates(T, albedo, self.sky, self._directions) | {
             "wavelength": (("wavelength",), self.sky.all_wavelength_nm, {"units": "nm"}),
-            "colour": (("colour",), np.array(["x", "y", "Y"]), {}),
         }
 
     def inputs(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:

@@ -22,8 +22,8 @@ class Killed(BaseException):
     """Nothing may catch it."""
 
 
-def run(folder, work=None, **keywords):
-    return af.run_blocks(work or ToyWork(), folder, **({"rows_per_block": ROWS} | keywords))
+def run(folder, work=None, rows_per_block=ROWS, **keywords):
+    return af.run_blocks(work or ToyWork(), folder, rows_per_block=rows_per_block, **keywords)
 
 
 def every_block(folder):

@@ -18,7 +18,10 @@ class ToyWork(Work):
     name = "toy"
     axis = "row"
     group = 2
-    count = 11
+
+    @property
+    def count(self) -> int:
+        return 11
 
     @property
     def settings(self) -> dict[str, Any]:
