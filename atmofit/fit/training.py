@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from atmofit.checks import choice, in_range
+from atmofit.checks import choice, refuse_beyond
 from atmofit.colour import spectrum_to_XYZ
 from atmofit.fit.pieces import Pieces, simulation_key
 from atmofit.fit.skies import Clock, Progress
@@ -61,14 +61,14 @@ class TrainingSettings:
 
     def __post_init__(self) -> None:
         """Refuse impossible settings before any work is done."""
-        in_range("turbidity", self.turbidity, 1.001, 64.0)
-        in_range("suns", self.solar_zenith_angle_deg, 0.0, 96.0, "degree")
-        in_range("albedo", self.albedo, 0.0, 1.0)
-        in_range("wavelength_nm", self.wavelength_nm, 350.0, 830.0, "nm")
-        in_range("ozone_dobson", self.ozone_dobson, 0.0, 1e3, "DU")
-        in_range("angstrom_exponent", self.angstrom_exponent, -5.0, 5.0)
-        in_range("single_scattering_albedo", self.single_scattering_albedo, 0.0, 1.0)
-        in_range("asymmetry", self.asymmetry, -0.9, 0.9)
+        refuse_beyond("turbidity", self.turbidity, 1.001, 64.0)
+        refuse_beyond("suns", self.solar_zenith_angle_deg, 0.0, 96.0, "degree")
+        refuse_beyond("albedo", self.albedo, 0.0, 1.0)
+        refuse_beyond("wavelength_nm", self.wavelength_nm, 350.0, 830.0, "nm")
+        refuse_beyond("ozone_dobson", self.ozone_dobson, 0.0, 1e3, "DU")
+        refuse_beyond("angstrom_exponent", self.angstrom_exponent, -5.0, 5.0)
+        refuse_beyond("single_scattering_albedo", self.single_scattering_albedo, 0.0, 1.0)
+        refuse_beyond("asymmetry", self.asymmetry, -0.9, 0.9)
         choice("dtype", self.dtype, ("float32", "float64"))
         for name in ("turbidity", "solar_zenith_angle_deg", "albedo", "wavelength_nm"):
             values = getattr(self, name)

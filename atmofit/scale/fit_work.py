@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Array
 
 from atmofit.fit.single_sky import PerezFit, fit_perez
 from atmofit.geometry import HORIZON, Directions
@@ -101,7 +102,7 @@ class FitWork(Work):
         with self.source.dataset() as data:
             return data["xyY"].isel(air=slice(first, last)).values[..., 2][:, self.suns]
 
-    def compute(self, inputs: Reals) -> dict[str, Reals]:
+    def compute(self, inputs: Reals) -> dict[str, Array]:
         """The fits of a row."""
         view, azimuth = self.known["view_zenith_angle"][1], self.known["relative_azimuth"][1]
         sun = self.coordinates["solar_zenith_angle"][1]

@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Array
 
 from atmofit.fit.candidates import Model, name_of
 from atmofit.fit.turbidity import TurbidityEstimate, estimate_turbidity
@@ -15,7 +16,6 @@ from atmofit.models.preetham import PreethamModel
 from atmofit.models.sky_model import SkyModel
 from atmofit.observe.observation import Observation
 from atmofit.scale.works import Coordinate, Variable, Work
-from atmofit.typing import Reals
 
 _GROUP = 8  # estimates that run as one program
 _UNITS = {"solar_zenith_angle": "rad", "solar_azimuth": "rad"}
@@ -107,11 +107,11 @@ class SeriesWork(Work):
         rows = [_filled_up(o, most) for o in self.observations[first:last]]
         return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
-    def compute(self, inputs: Any) -> dict[str, Reals]:
+    def compute(self, inputs: dict[str, Array]) -> dict[str, Array]:
         """The estimates of a group."""
         return jax.vmap(self._one)(inputs)
 
-    def _one(self, row: dict[str, Reals]) -> dict[str, Reals]:
+    def _one(self, row: dict[str, Array]) -> dict[str, Array]:
         observation = Observation(
             Directions(row["view_zenith_angle"], row["relative_azimuth"]),
             row["values"],
@@ -131,7 +131,7 @@ class SeriesWork(Work):
             known=self.known,
             model_error=self.model_error,
         )
-        found: dict[str, Reals] = {}
+        found: dict[str, Array] = {}
         errors = best.standard_errors
         for place, name in enumerate(best.names):
             found[name] = best.parameters[place]
@@ -180,5 +180,5 @@ def _filled_up(observation: Observation, most: int) -> Rows:
         "solar_zenith_angle": np.asarray(observation.solar_zenith_angle, float),
         "relative_noise": fill(np.where(seen, as_values(observation.relative_noise), 1.0), 1.0),
         "noise_floor": fill(as_values(observation.noise_floor), 0.0),
-        "mask": fill(used, False),
+        "mask": fill(used, 0.0),
     }
