@@ -14,6 +14,7 @@ from atmofit.scale.store import BlockStore, create_store, open_for
 from atmofit.scale.works import Work
 
 _ALONE = Hosts()
+_POLL = 0.5  # [s]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +68,7 @@ def run_blocks(
     mesh = device_mesh() if mesh is None else mesh
     size = 4 * work.group * mesh.size if rows_per_block is None else rows_per_block
     create_store(folder, work, size, hosts.first)
-    hosts.wait(f"{folder} is there")
+    hosts.wait(f"{work.name} is there")
     store = open_for(folder, work, rows_per_block)
     mine = [block for block in range(store.block_count) if hosts.owns(block)]
     missing = [block for block in mine if store.checksum(block) is None]
@@ -77,10 +78,13 @@ def run_blocks(
         for number, block in enumerate(missing):
             tell(f"block {number + 1} of {len(missing)}")
             store.write(block, compute(work.inputs(*store.rows(block))))
-    hosts.wait(f"{folder} is filled")
+    # A barrier may have its own limit of time, far below that of a slower process.
+    while hosts.processes > 1 and store.absent():
+        time.sleep(_POLL)
+    hosts.wait(f"{work.name} is filled")
     if hosts.first:
         store.finish()
-    hosts.wait(f"{folder} is finished")
+    hosts.wait(f"{work.name} is finished")
     seconds = time.perf_counter() - begin
     whole = BlockStore.open(folder)
     return BlockRun(whole, len(missing), len(mine) - len(missing), seconds)

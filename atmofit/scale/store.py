@@ -108,6 +108,10 @@ class BlockStore:
             return None
         return said if said == found else None
 
+    def absent(self) -> bool:
+        """Whether a block was never written."""
+        return not all(self.entry(block).exists() for block in range(self.block_count))
+
     def finish(self) -> "BlockStore":
         """Write the checksums of all blocks into the manifest; they must be whole.
 

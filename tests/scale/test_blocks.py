@@ -22,7 +22,7 @@ class Killed(BaseException):
     """Nothing may catch it."""
 
 
-def run(folder, work=None, rows_per_block=ROWS, **keywords):
+def run(folder, work=None, rows_per_block: int | None = ROWS, **keywords):
     return af.run_blocks(work or ToyWork(), folder, rows_per_block=rows_per_block, **keywords)
 
 
@@ -136,6 +136,7 @@ def test_a_block_in_the_place_of_another_is_noticed(tmp_path):
 def test_processes_share_the_blocks(undisturbed, tmp_path, monkeypatch):
     # One after the other, without waiting for each other.
     monkeypatch.setattr(Hosts, "wait", lambda *_: None)
+    monkeypatch.setattr(BlockStore, "absent", lambda _: False)
     folder = tmp_path / "store"
     with pytest.raises(ValueError, match="every block must be whole"):
         run(folder, hosts=Hosts(0, 2))

@@ -100,5 +100,5 @@ def test_works_without_what_they_need_are_refused(tmp_path):
     with pytest.raises(ValueError, match="folder must hold a store of blocks, got 'nowhere'"):
         _ = af.FitWork("nowhere").count
     af.run_blocks(ToyWork(), tmp_path / "toy")
-    with pytest.raises(ValueError, match="skies must be a finished store of skies, got .* toy"):
+    with pytest.raises(ValueError, match=r"skies must be a finished store of skies, got .* toy"):
         _ = af.FitWork(tmp_path / "toy").count

@@ -86,10 +86,13 @@ def agree(folder, other):
 def test_rows_are_what_the_functions_give_by_themselves(one_device):
     skies, fits, series = (values(one_device, name) for name in run_works.WORKS)
     work = run_works.sky_work()
+    assert work.plan is not None
+    assert work.directions is not None
+    plan, directions = work.plan, work.directions
     T, albedo = work.table
     # Rows one by one, compiled as another program: 9 eps were seen by day, 700 at 91 degrees.
     for row in (0, 3):
-        radiance = jax.jit(lambda *at: work.sky.radiance(work.plan, work.directions, *at))(
+        radiance = jax.jit(lambda *at: work.sky.radiance(plan, directions, *at))(
             jnp.asarray(T[row]), jnp.asarray(albedo[row])
         )
         np.testing.assert_allclose(skies["radiance"][row], radiance, rtol=5000 * EPS)
@@ -99,7 +102,7 @@ def test_rows_are_what_the_functions_give_by_themselves(one_device):
     xyY = af.spectrum_to_xyY(skies["radiance"][..., chosen] * sun, λ[chosen])
     np.testing.assert_allclose(skies["xyY"], xyY, rtol=64 * EPS)  # sums of 41 products
     suns = np.radians(work.sky.solar_zenith_angle_deg[:2])
-    fit = af.fit_perez(work.directions, suns, skies["xyY"][:, :2, :, 2])
+    fit = af.fit_perez(directions, suns, skies["xyY"][:, :2, :, 2])
     assert np.asarray(fit.converged).all()
     # Twelve skies at once; the search ends where a step gains 1e-9 of the loss, which leaves the
     # loss known to 1e-9 and the root mean square to half of that.
