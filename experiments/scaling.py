@@ -166,10 +166,12 @@ def draw(found: list[dict[str, Any]], path: Path, cores: int) -> None:
         for scaling, colour in colours.items():
             some = [one for one in found if (one["work"], one["scaling"]) == (name, scaling)]
             rate = [one["rows"] / one["hot"] for one in some]
-            panel.loglog(devices, rate, "o-", color=colour, label=f"{scaling} scaling")
+            panel.semilogx(devices, rate, "o-", color=colour, label=f"{scaling} scaling")
             ideal = [rate[0] * min(n, cores) for n in devices]
-            panel.loglog(devices, ideal, ":", color=colour, label=f"{scaling}, {cores} ideal cores")
-        panel.set(title=name, xlabel="devices", ylabel="rows per second [1/s]")
+            panel.semilogx(
+                devices, ideal, ":", color=colour, label=f"{scaling}, {cores} ideal cores"
+            )
+        panel.set(title=name, xlabel="devices", ylabel="rows per second [1/s]", ylim=(0, None))
         panel.set_xticks(devices, [str(n) for n in devices])
         panel.minorticks_off()
         panel.grid(alpha=0.3)

@@ -90,12 +90,12 @@ def test_rows_are_what_the_functions_give_by_themselves(one_device):
     assert work.directions is not None
     plan, directions = work.plan, work.directions
     T, albedo = work.table
-    # Rows one by one, compiled as another program: 9 eps were seen by day, 700 at 91 degrees.
+    # Rows one by one, compiled as another program; seen: 18 eps, at 91 degrees.
     for row in (0, 3):
         radiance = jax.jit(lambda *at: work.sky.radiance(plan, directions, *at))(
             jnp.asarray(T[row]), jnp.asarray(albedo[row])
         )
-        np.testing.assert_allclose(skies["radiance"][row], radiance, rtol=5000 * EPS)
+        np.testing.assert_allclose(skies["radiance"][row], radiance, rtol=256 * EPS)
     λ = work.sky.all_wavelength_nm
     chosen = np.searchsorted(λ, np.arange(380.0, 781.0, 10.0))
     sun = np.asarray(af.solar_irradiance_spectrum("standard")(λ[chosen]))
@@ -104,15 +104,16 @@ def test_rows_are_what_the_functions_give_by_themselves(one_device):
     suns = np.radians(work.sky.solar_zenith_angle_deg[:2])
     fit = af.fit_perez(directions, suns, skies["xyY"][:, :2, :, 2])
     assert np.asarray(fit.converged).all()
-    # Twelve skies at once; the search ends where a step gains 1e-9 of the loss, which leaves the
-    # loss known to 1e-9 and the root mean square to half of that.
-    np.testing.assert_allclose(fits["rms"], fit.rms, rtol=1e-9)
+    # Twelve skies at once instead of two by two. At a minimum the loss does not feel where a search
+    # stops (seen: 8e-15); the coefficients do, by the root of that and the condition number.
+    np.testing.assert_allclose(fits["rms"], fit.rms, rtol=1e-12)
+    np.testing.assert_allclose(fits["coefficients"], fit.coefficients, rtol=1e-8)  # seen: 1e-11
     observations = run_works.series_work(one_device / "skies").observations
-    for row in (0, 7):  # all directions; half of them
+    for row in (0, 7):  # all directions; half of them. Seen: 8 eps.
         one = af.estimate_turbidity(observations[row])
-        assert float(one.value) == pytest.approx(series["turbidity"][row], rel=1e-9)
+        assert float(one.value) == pytest.approx(series["turbidity"][row], rel=256 * EPS)
         assert float(one.standard_error) == pytest.approx(
-            series["turbidity_standard_error"][row], rel=1e-9
+            series["turbidity_standard_error"][row], rel=256 * EPS
         )
 
 
