@@ -74,13 +74,15 @@ class Dataset:
 
     Each process computes its share of the blocks; --out is a folder that all of them see.
 
-    One machine:  atmofit dataset --devices 8
+    One machine; SLURM; Open MPI and MPICH; by hand, once for each K from 0:
 
-    SLURM:  srun --ntasks 4 atmofit dataset --out /shared/skies
+        atmofit dataset --devices 8 --fit
 
-    Open MPI, MPICH:  mpirun -n 4 atmofit dataset --out /shared/skies --coordinator node1:12345
+        srun --ntasks 4 atmofit dataset --out /shared/skies
 
-    By hand, K = 0 and 1:  atmofit dataset --coordinator node1:12345 --processes 2 --process K
+        mpirun -n 4 atmofit dataset --out /shared/skies --coordinator node1:12345
+
+        atmofit dataset --out /shared/skies --coordinator node1:12345 --processes 2 --process K
     """
 
     turbidity: tuple[float, ...] | None = None
@@ -130,14 +132,15 @@ class Series:
     its standard error, chi-square and whether the search ended well, with a manifest and checksums.
     Killed at any moment, the same command goes on where it was.
 
-    One machine:  atmofit series scans.csv --devices 8
+    One machine; SLURM; Open MPI and MPICH; by hand, once for each K from 0:
 
-    SLURM:  srun --ntasks 4 atmofit series scans.csv --out /shared/series
+        atmofit series scans.csv --devices 8
 
-    Open MPI, MPICH:  mpirun -n 4 atmofit series scans.csv --coordinator node1:12345
+        srun --ntasks 4 atmofit series scans.csv --out /shared/series
 
-    By hand, K = 0 and 1:  atmofit series scans.csv --coordinator node1:12345 --processes 2
-    --process K
+        mpirun -n 4 atmofit series scans.csv --out /shared/series --coordinator node1:12345
+
+        atmofit series scans.csv --coordinator node1:12345 --processes 2 --process K
     """
 
     file: Annotated[Path, tyro.conf.Positional]
