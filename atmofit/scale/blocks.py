@@ -67,8 +67,10 @@ def run_blocks(
     begin = time.perf_counter()
     mesh = device_mesh() if mesh is None else mesh
     size = 4 * work.group * mesh.size if rows_per_block is None else rows_per_block
-    create_store(folder, work, size, hosts.first)
-    hosts.wait(f"{work.name} is there")
+    try:
+        create_store(folder, work, size, hosts.first)
+    finally:  # also when it was refused: the others must not wait for what does not come
+        hosts.wait(f"{work.name} is there")
     store = open_for(folder, work, rows_per_block)
     mine = [block for block in range(store.block_count) if hosts.owns(block)]
     missing = [block for block in mine if store.checksum(block) is None]

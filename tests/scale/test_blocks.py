@@ -168,11 +168,16 @@ def test_a_store_of_other_settings_is_refused(undisturbed, tmp_path):
     assert af.verify_store(undisturbed) == []
 
 
-def test_bad_folders_and_sizes_are_refused(tmp_path):
+def test_bad_folders_and_sizes_are_refused(tmp_path, monkeypatch):
+    waited = []
+    monkeypatch.setattr(Hosts, "wait", lambda _, name: waited.append(name))
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "letter").write_text("mine")
     with pytest.raises(ValueError, match="out must be a new folder or a store of blocks"):
-        run(tmp_path / "full")
+        run(tmp_path / "full", hosts=Hosts(0, 2))
+    with pytest.raises(ValueError, match="folder must hold a store of blocks"):
+        run(tmp_path / "full", hosts=Hosts(1, 2))
+    assert waited == ["toy is there"] * 2  # no process is left waiting for the other
     assert (tmp_path / "full" / "letter").read_text() == "mine"
     with pytest.raises(ValueError, match="folder must hold a store of blocks"):
         af.verify_store(tmp_path / "nothing")
