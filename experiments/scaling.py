@@ -23,8 +23,8 @@ import atmofit as af
 from atmofit.scale.works import Work
 
 HEAD = [
-    "work", "scaling", "devices", "rows", "compile and first [s]", "hot [s]", "rows per second",
-    "efficiency",
+    "work", "scaling", "devices", "rows", "compile and first [s]", "hot [s]", "CPU [s]",
+    "rows per second", "efficiency",
 ]  # fmt: skip
 SUNS_DEG = (10.0, 30.0, 50.0, 65.0, 75.0, 85.0)
 
@@ -70,7 +70,8 @@ def main(config: Config) -> None:
     rows = [
         [
             one["work"], one["scaling"], str(one["devices"]), str(one["rows"]),
-            f"{one['first']:.1f}", f"{one['hot']:.3f}", f"{one['rows'] / one['hot']:.1f}",
+            f"{one['first']:.1f}", f"{one['hot']:.3f}", f"{one['cpu']:.3f}",
+            f"{one['rows'] / one['hot']:.1f}",
             f"{one['efficiency']:.0%}",
         ]
         for one in found
@@ -78,7 +79,9 @@ def main(config: Config) -> None:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     words = (
         f"\n\n{cores} cores: more devices than cores share them, so that rows per second cannot "
-        f"grow beyond {cores} devices and the efficiency falls as 1 / devices from there. A row "
+        f"grow beyond {cores} devices and the efficiency falls as 1 / devices from there; nor can "
+        "they grow at all where one device keeps all cores busy already, or other jobs do. CPU is "
+        "the time of all cores: where it stays, more devices cost nothing. A row "
         f"of skies is an air under {len(SUNS_DEG)} suns in 343 directions, {config.orders} "
         "orders; a row of the series one turbidity from a dome of 343 luminances."
     )
@@ -101,7 +104,7 @@ def measure(config: Config) -> list[dict[str, Any]]:
         for scaling, rows in (("strong", total), ("weak", total * config.child // most)):
             inputs = work.inputs(0, rows)
             seconds = [timed(compute, inputs) for _ in range(1 + config.repeats)]
-            first = first or seconds[0]  # the program of the second scaling is the same
+            first = first or seconds[0][0]  # the program of the second scaling is the same
             found.append(
                 {
                     "work": name,
@@ -109,17 +112,21 @@ def measure(config: Config) -> list[dict[str, Any]]:
                     "devices": config.child,
                     "rows": rows,
                     "first": first,
-                    "hot": min(seconds[1:]),
+                    "hot": min(wall for wall, _ in seconds[1:]),
+                    "cpu": min(cpu for _, cpu in seconds[1:]),
                 }
             )
     return found
 
 
-def timed(compute: Any, inputs: Any) -> float:
-    """Seconds of a call; it returns NumPy arrays, so it is done when it returns."""
-    begin = time.perf_counter()
+def timed(compute: Any, inputs: Any) -> tuple[float, float]:
+    """Seconds of a call by the clock, and of all cores together.
+
+    It returns NumPy arrays, so it is done when it returns.
+    """
+    begin, used = time.perf_counter(), time.process_time()
     compute(inputs)
-    return time.perf_counter() - begin
+    return time.perf_counter() - begin, time.process_time() - used
 
 
 def sky_work(config: Config) -> Work:
@@ -153,29 +160,38 @@ def series_work(config: Config) -> Work:
 
 
 def draw(found: list[dict[str, Any]], path: Path, cores: int) -> None:
-    """Rows per second over devices."""
+    """Rows per second, and processor time per row, over devices."""
     from matplotlib import colormaps
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
-    panels = figure.subplots(1, 2)
+    figure = Figure(figsize=(11, 3.4), layout="constrained")
+    *rates, cost = figure.subplots(1, 3)
+    devices = sorted({one["devices"] for one in found})
     # cividis is even in lightness and the same to colour-blind eyes.
     colours = dict(zip(("strong", "weak"), colormaps["cividis"]([0.1, 0.75]), strict=True))
-    devices = sorted({one["devices"] for one in found})
-    for panel, name in zip(panels, ("skies", "turbidities"), strict=True):
+    for panel, name in zip(rates, ("skies", "turbidities"), strict=True):
         for scaling, colour in colours.items():
             some = [one for one in found if (one["work"], one["scaling"]) == (name, scaling)]
             rate = [one["rows"] / one["hot"] for one in some]
             panel.semilogx(devices, rate, "o-", color=colour, label=f"{scaling} scaling")
             ideal = [rate[0] * min(n, cores) for n in devices]
             panel.semilogx(
-                devices, ideal, ":", color=colour, label=f"{scaling}, {cores} ideal cores"
+                devices, ideal, ":", color=colour, label=f"{scaling}, {cores} free cores"
             )
-        panel.set(title=name, xlabel="devices", ylabel="rows per second [1/s]", ylim=(0, None))
+            per_row = np.array([one["cpu"] / one["rows"] for one in some])
+            mark = "o-" if name == "skies" else "s--"
+            cost.semilogx(
+                devices, per_row / per_row[0], mark, color=colour, label=f"{name}, {scaling}"
+            )
+        panel.set(title=name, ylabel="rows per second [1/s]")
+    cost.set(title="processor time", ylabel="CPU time per row / one device [-]")
+    for panel in (*rates, cost):
+        panel.set(xlabel="devices", ylim=(0, None))
         panel.set_xticks(devices, [str(n) for n in devices])
         panel.minorticks_off()
         panel.grid(alpha=0.3)
-    panels[0].legend(fontsize=8)
+    for panel in (rates[0], cost):
+        panel.legend(fontsize=8)
     figure.savefig(path, dpi=110)
 
 
