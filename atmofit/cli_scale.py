@@ -46,17 +46,21 @@ def _fill(work: Work, folder: Path, block: int | None, mesh: Mesh, hosts: Hosts)
     """Fill a store, with a progress bar where this process is alone or the first."""
     from tqdm import tqdm
 
-    with tqdm(desc=work.name, unit=" blocks", leave=False, disable=not hosts.first) as bar:
-
-        def tell(text: str) -> None:
-            bar.set_description(f"{work.name}: {text}")
-            bar.update()
-
-        done = run_blocks(work, folder, rows_per_block=block, mesh=mesh, hosts=hosts, progress=tell)
+    look = {"bar_format": "{desc} [{elapsed}]", "leave": False, "disable": not hosts.first}
+    with tqdm(desc=work.name, **look) as bar:
+        done = run_blocks(
+            work,
+            folder,
+            rows_per_block=block,
+            mesh=mesh,
+            hosts=hosts,
+            progress=lambda text: bar.set_description(f"{work.name}: {text}"),
+        )
+    damaged = f" ({len(done.damaged)} of them were damaged)" if done.damaged else ""
     place = f", process {hosts.process} of {hosts.processes}" if hosts.processes > 1 else ""
     print(
-        f"{folder}: {done.computed} blocks computed, {done.found} found, in {done.seconds:.1f} s "
-        f"on {mesh.size} devices{place}"
+        f"{folder}: {done.computed} blocks computed{damaged}, {done.found} found, in "
+        f"{done.seconds:.1f} s on {mesh.size} devices{place}"
     )
 
 

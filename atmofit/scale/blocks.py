@@ -25,12 +25,14 @@ class BlockRun:
         store: Whole now, with the blocks of all processes.
         computed: Blocks that this process computed.
         found: Blocks of its share that an earlier run had finished.
+        damaged: Numbers of those that were computed again, since their checksum did not match.
         seconds: From beginning to end, compilation and waiting included.
     """
 
     store: BlockStore
     computed: int
     found: int
+    damaged: tuple[int, ...]
     seconds: float
 
 
@@ -74,6 +76,7 @@ def run_blocks(
     store = open_for(folder, work, rows_per_block)
     mine = [block for block in range(store.block_count) if hosts.owns(block)]
     missing = [block for block in mine if store.checksum(block) is None]
+    damaged = tuple(block for block in missing if store.entry(block).exists())
     tell = progress or (lambda _: None)
     with jax.enable_x64(True):
         compute = over_devices(work.compute, mesh, work.group)
@@ -89,4 +92,4 @@ def run_blocks(
     hosts.wait(f"{work.name} is finished")
     seconds = time.perf_counter() - begin
     whole = BlockStore.open(folder)
-    return BlockRun(whole, len(missing), len(mine) - len(missing), seconds)
+    return BlockRun(whole, len(missing), len(mine) - len(missing), damaged, seconds)

@@ -95,7 +95,7 @@ def test_killed_runs_go_on_and_end_alike(where, name, calls, left, undisturbed, 
         with pytest.raises(Killed):
             run(folder)
     done = run(folder)
-    assert (done.computed, done.found) == (BLOCKS - left, left)
+    assert (done.computed, done.found, done.damaged) == (BLOCKS - left, left, ())
     same(folder, undisturbed)
     assert not list(tmp_path.glob(".*"))  # nothing half-made stays
 
@@ -119,7 +119,7 @@ def test_a_damaged_block_is_seen_and_computed_again(how, undisturbed, tmp_path):
         chunk.unlink()
     assert af.verify_store(folder) == [1]
     done = run(folder)
-    assert (done.computed, done.found) == (1, BLOCKS - 1)
+    assert (done.computed, done.found, done.damaged) == (1, BLOCKS - 1, (1,))
     assert af.verify_store(folder) == []
     same(folder, undisturbed)
 
