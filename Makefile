@@ -39,8 +39,9 @@ lint: $(STAMP)  ## Check style, formatting and types
 stability: $(STAMP)  ## Try every function at its extremes: runs/stability/stability.md
 	$(BIN)/atmofit stability
 
-bench: $(STAMP)  ## Time the ladder of plans on the reference job, with errors, next to the exact oracle
+bench: $(STAMP)  ## Time the ladder of plans next to the exact oracle, and each kind of device at hand
 	$(BIN)/python experiments/benchmark.py
+	$(BIN)/python experiments/accelerator.py
 
 docs: .venv/.docs  ## Build the documentation site: build/docs/index.html
 	$(BIN)/python -m sphinx -q -W --keep-going -j 2 -b html docs/site build/docs
