@@ -78,7 +78,7 @@ def main(config: Config) -> None:
     write_run(config.out, config, {"rows": rows}, text)
 
 
-def devices() -> list[jax.Device]:
+def devices() -> list[Any]:
     """The processor, and one of each other kind."""
     found = {"cpu": jax.devices("cpu")[0]}
     for device in jax.devices():
@@ -86,7 +86,7 @@ def devices() -> list[jax.Device]:
     return list(found.values())
 
 
-def limits(device: jax.Device, config: Config) -> tuple[float, float]:
+def limits(device: Any, config: Config) -> tuple[float, float]:
     """Arithmetic [operations/s] and memory traffic [byte/s] that simple programs reach."""
     n, size = config.matrix, config.megabytes * 2**20 // 4
     with jax.default_device(device):
@@ -98,7 +98,7 @@ def limits(device: jax.Device, config: Config) -> tuple[float, float]:
 
 
 def one(
-    device: jax.Device,
+    device: Any,
     limit: tuple[float, float],
     rtol: float,
     turbidity: jax.Array,
