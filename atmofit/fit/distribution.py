@@ -111,7 +111,9 @@ def fit_distribution(
     problem = checked_problem(
         directions, solar_zenith_angle, turbidity, values, zenith_value, weight, weighting, prior
     )
-    return DistributionFit(**_fit_table(problem, max_steps), weighting=weighting, prior=prior)
+    return DistributionFit(
+        **_fit_table(problem, max_steps), weighting=weighting, prior=prior.fresh()
+    )
 
 
 def checked_problem(
@@ -148,7 +150,7 @@ def checked_problem(
     ratios = data / zenith[..., None]
     measure = weights.measure(ratios, weighting, weight=weight)
     sun, T = sun.astype(data.dtype), T.astype(data.dtype)
-    return ratio_problem(view, azimuth, sun, T, ratios, weight, measure, prior)
+    return ratio_problem(view, azimuth, sun, T, ratios, weight, measure, prior.fresh())
 
 
 def _zenith_index(view: Reals) -> int:

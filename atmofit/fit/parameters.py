@@ -66,6 +66,10 @@ class PerezPrior(eqx.Module):
         if self.width.min() <= 0:
             raise ValueError(f"width must be positive, got {self.width}")
 
+    def fresh(self) -> "PerezPrior":
+        """A copy for one program: of an array that is kept, JAX remembers the precision."""
+        return jax.tree.map(lambda leaf: leaf.copy(), self)
+
     def place(self, free: Reals) -> Reals:
         """Free parameters [..., 5] in widths from the centre, where the prior is a ridge."""
         centre, width = self._broadcast(free)

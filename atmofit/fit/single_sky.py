@@ -121,7 +121,7 @@ def fit_perez(
     )
     fitted = _fit_skies(problem, unit, max_steps)
     arrays = jax.tree.map(lambda leaf: leaf.reshape(skies + leaf.shape[1:]), fitted)
-    return PerezFit(**arrays, weighting=weighting, prior=prior)
+    return PerezFit(**arrays, weighting=weighting, prior=prior.fresh())
 
 
 def checked_problem(
@@ -153,7 +153,7 @@ def checked_problem(
         ) from None
     data = data.reshape(-1, view.size)
     measure = weights.measure(data, weighting, axes=1)
-    problem, unit = sky_problem(view, azimuth, sun.ravel(), data, measure, prior, fit_scale)
+    problem, unit = sky_problem(view, azimuth, sun.ravel(), data, measure, prior.fresh(), fit_scale)
     return problem, unit, skies
 
 
