@@ -15,7 +15,7 @@ def sliders(draw: Callable[..., object], **ranges: tuple[float, float, float]) -
     Without a notebook, or where the package ipywidgets is missing, the figure is drawn once.
 
     Args:
-        draw: Called with a number for each name in `ranges`, by keyword; shows the figure itself.
+        draw: Called with a number for each name in `ranges`, by keyword; its figure is shown.
         ranges: For each number its smallest, first and largest value, in the unit of `draw`.
 
     Raises:
@@ -25,13 +25,19 @@ def sliders(draw: Callable[..., object], **ranges: tuple[float, float, float]) -
         if not low < high:
             raise ValueError(f"{name} must rise from smallest to largest, got {low:g} to {high:g}")
         in_range(name, first, low, high)
+    import matplotlib.pyplot as plt
+
+    def show(**values: float) -> None:
+        draw(**values)
+        plt.show()
+
     if not can_slide():
-        draw(**{name: float(first) for name, (_, first, _) in ranges.items()})
+        show(**{name: float(first) for name, (_, first, _) in ranges.items()})
         return
     from ipywidgets import FloatSlider, interact
 
     interact(
-        draw,
+        show,
         **{
             name: FloatSlider(
                 value=first, min=low, max=high, step=(high - low) / _STEPS, continuous_update=False

@@ -14,6 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import atmofit as af
+from atmofit.notebook import sliders
 from atmofit.render.panorama import DIFFERENCES, draw_dome, draw_sky
 from atmofit.render.refit_pictures import exposure
 
@@ -47,6 +48,26 @@ plt.show()
 # The dot only marks the sun, since its disk is not simulated; the glow around it is light that
 # the haze sends forward. The horizon is pale because one looks through much air there.
 #
+# Slide turbidity and sun. One plan serves them all, so nothing is compiled again.
+
+# %%
+plan = af.plan_sky(atmosphere, solar_zenith_angle=np.radians([0.0, 88.0]), rtol=RTOL)
+white = exposure(xyY[..., 2])
+
+
+def colours(turbidity, sun):
+    air, nm = af.Atmosphere.from_turbidity(turbidity), wavelength_nm
+    return af.spectrum_to_xyY(af.simulate_sky(air, sun, grid, nm, plan=plan), nm)
+
+
+def show_sky(turbidity, sun_deg):
+    ax, sun = plt.figure(figsize=(4.2, 4.2)).add_subplot(), np.radians(sun_deg)
+    draw_sky(ax, grid, colours(turbidity, sun), white_luminance=white, solar_zenith_angle=sun)
+
+
+sliders(show_sky, turbidity=(1.7, 3.0, 10.0), sun_deg=(0.0, 75.0, 88.0))
+
+# %% [markdown]
 # The numbers behind the picture are a spectrum for every direction, and three numbers made of it:
 # chromaticity x and y, and luminance Y.
 

@@ -15,6 +15,7 @@ import numpy as np
 
 import atmofit as af
 from atmofit.fit.verdict import scores_of
+from atmofit.notebook import sliders
 from atmofit.render.coefficients import draw_matrices
 from atmofit.render.findings import findings
 from atmofit.render.panorama import DIFFERENCES, draw_dome
@@ -86,6 +87,24 @@ left.set(xlabel="θ from the zenith [°]", ylabel="1 + A exp(B / cos θ) [-]", y
 right.plot(2 * angle_deg, glow, color="#1f5fa8")
 right.set(xlabel="γ from the sun [°]", ylabel="1 + C exp(D γ) + E cos² γ [-]", ylim=(0, None))
 plt.show()
+
+# %% [markdown]
+# Slide the five numbers, from where the fit has them, and see what the dome makes of them.
+
+# %%
+seen = skies.directions
+θ, γ = seen.view_zenith_angle, af.scattering_angle(*seen.angles(), sun)
+axis = {"label": "log₁₀ F", "shrink": 0.7}
+
+
+def show_perez(A, B, C, D, E):
+    F = np.maximum(af.perez(np.array([A, B, C, D, E]), θ, γ), 1e-2)  # some make it negative
+    plt.colorbar(draw_dome(plt.gca(), seen, np.log10(F), solar_zenith_angle=sun), **axis)
+
+
+lowest, highest = (-2.0, -3.0, 0.0, -8.0, 0.0), (3.0, -0.01, 30.0, -0.1, 2.0)
+ranges = zip(lowest, fit.coefficients.tolist(), highest, strict=True)
+sliders(show_perez, **dict(zip("ABCDE", ranges, strict=True)))
 
 # %% [markdown]
 # And what five numbers cannot hold:

@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import atmofit as af
+from atmofit.notebook import sliders
 
 FAST = os.environ.get("ATMOFIT_FAST") == "1"  # few streams, for the tests
 STREAMS = 8 if FAST else 32
@@ -128,6 +129,31 @@ ax.legend(frameon=False, title="optical depth [-]")
 plt.show()
 for albedo in (0.1, 0.3, 0.6, 0.9):
     print(f"albedo {albedo}: H(1) = {af.h_function(1.0, albedo):.3f}")
+
+# %% [markdown]
+# Slide optical depth and asymmetry of a slab that absorbs nothing, under a sun 60 degrees from the
+# normal. The angle counts from the normal, positive where one looks toward the sun; blue is seen
+# from below, orange from above.
+
+# %%
+tilt = np.radians(np.linspace(-85.0, 85.0, 69))
+toward = np.where(tilt > 0, 0.0, np.pi)
+looks = [af.Directions(zenith, toward) for zenith in (np.abs(tilt), np.pi - np.abs(tilt))]
+shape = {"figsize": (6, 3.4), "layout": "constrained"}
+labels = {"xlabel": "angle from the normal [°]", "ylabel": "radiance / irradiance [1/sr]"}
+
+
+def solved(depth, asymmetry):
+    slab = {"optical_depth": depth, "phase": af.HenyeyGreenstein(asymmetry), "plan": PLAN}
+    return af.solve_slab(**slab, single_scattering_albedo=1.0, solar_zenith_angle=np.pi / 3)
+
+
+def show_slab(log10_depth, asymmetry):
+    seen = [solved(10**log10_depth, asymmetry).radiance(look) for look in looks]
+    plt.figure(**shape).add_subplot(**labels).plot(np.degrees(tilt), np.transpose(seen))
+
+
+sliders(show_slab, log10_depth=(-2.0, 0.0, 2.0), asymmetry=(0.0, 0.6, 0.85))
 
 # %% [markdown]
 # ## Thick clouds turn to Lambert's law
