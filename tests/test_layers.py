@@ -9,7 +9,7 @@ ORDER = (
     *("typing", "constants", "checks", "extremes", "files", "provenance", "numerics", "tables"),
     *("geometry", "spectrum", "sun", "sun_position", "optics", "colour", "sky", "models", "media"),
     *("observe", "landscape", "clouds", "fit", "export", "render", "report", "io", "scale"),
-    *("stability", "fuzz"),
+    *("stability", "fuzz", "notebook"),
     *("cli_scale", "cli_sky", "cli_stability", "cli_turbidity", "cli", "__main__"),
 )
 
