@@ -259,7 +259,8 @@ def sphere_light():
 @needs(NPZ)
 @pytest.mark.parametrize("degrees", [0, 30, 60, 90, 120, 150])
 def test_sphere_agrees_with_another_path_tracer(degrees, sphere_light):
-    """Not into the sun: there the rim's steps, which voxels have, count (next test)."""
+    """Not into the sun: there the steps of the rim count. 18 % with 4 rays a pixel; with 64 and 96
+    voxels an edge 9 and 4.6 %."""
     with np.load(data_folder() / "reference" / NPZ) as file:
         radiance = blocks(file[f"sun_angle_{degrees}"])
     seen = sphere_light.view(sun_angle=F32(math.radians(degrees)))
