@@ -1,5 +1,6 @@
 """Figures with sliders in a notebook, and without them where there is no notebook."""
 
+import os
 import sys
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -12,7 +13,8 @@ _STEPS = 50  # of each slider, from end to end
 def sliders(draw: Callable[..., object], **ranges: tuple[float, float, float]) -> None:
     """Draw a figure again whenever one of its numbers is changed by a slider.
 
-    Without a notebook, or where the package ipywidgets is missing, the figure is drawn once.
+    Without a notebook, where the package ipywidgets is missing, or with ATMOFIT_FAST=1, the figure
+    is drawn once.
 
     Args:
         draw: Called with a number for each name in `ranges`, by keyword; its figure is shown.
@@ -48,7 +50,9 @@ def sliders(draw: Callable[..., object], **ranges: tuple[float, float, float]) -
 
 
 def can_slide() -> bool:
-    """Whether a notebook's kernel runs this and ipywidgets is there."""
+    """Whether a notebook's kernel runs this, by hand, and ipywidgets is there."""
+    if os.environ.get("ATMOFIT_FAST") == "1":
+        return False  # run by a program, for which a figure is enough
     ipython = sys.modules.get("IPython")  # a kernel has imported it
     shell = None if ipython is None else ipython.get_ipython()
     return getattr(shell, "kernel", None) is not None and find_spec("ipywidgets") is not None

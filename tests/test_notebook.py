@@ -4,18 +4,12 @@ import sys
 from types import SimpleNamespace
 
 import ipywidgets
-import nbformat
 import pytest
-from nbclient import NotebookClient
 
 from atmofit import notebook
 from atmofit.notebook import can_slide, sliders
 
 RANGES = {"turbidity": (1.0, 3.0, 10.0), "sun": (0.0, 60.0, 80.0)}
-CELL = """
-from atmofit.notebook import sliders
-sliders(lambda turbidity, sun: print(turbidity, sun), turbidity=(1, 3, 10), sun=(0, 60, 80))
-"""
 
 
 def test_without_a_kernel_the_figure_is_drawn_once_at_the_first_values():
@@ -25,10 +19,14 @@ def test_without_a_kernel_the_figure_is_drawn_once_at_the_first_values():
     assert drawn == [{"turbidity": 3.0, "sun": 60.0}]
 
 
-def test_without_ipywidgets_a_kernel_does_not_slide(monkeypatch):
+def test_without_ipywidgets_or_in_fast_mode_a_kernel_does_not_slide(monkeypatch):
     shell = SimpleNamespace(kernel=object())
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    monkeypatch.delenv("ATMOFIT_FAST", raising=False)
     assert can_slide()
+    monkeypatch.setenv("ATMOFIT_FAST", "1")
+    assert not can_slide()
+    monkeypatch.delenv("ATMOFIT_FAST")
     monkeypatch.setattr(notebook, "find_spec", lambda name: None)
     assert not can_slide()
 
@@ -42,19 +40,6 @@ def test_each_number_has_a_slider_that_draws_when_it_is_let_go(monkeypatch):
     for name, slider in made.items():
         assert (slider.min, slider.value, slider.max) == RANGES[name]
         assert not slider.continuous_update
-
-
-@pytest.mark.slow
-def test_in_a_notebook_there_are_sliders_and_the_first_figure(tmp_path, monkeypatch):
-    monkeypatch.setenv("IPYTHONDIR", str(tmp_path))
-    cells = [nbformat.v4.new_code_cell(CELL)]
-    found = NotebookClient(nbformat.v4.new_notebook(cells=cells), timeout=120).execute()
-    widgets = found.metadata.widgets["application/vnd.jupyter.widget-state+json"]["state"].values()
-    models = [widget["model_name"] for widget in widgets]
-    assert models.count("FloatSliderModel") == 2
-    outputs = [widget["state"]["outputs"] for widget in widgets if "outputs" in widget["state"]]
-    assert [output["text"] for output in outputs[0]] == ["3.0 60.0\n"]
-    assert not [o for o in found.cells[0].outputs if o.output_type == "stream"]
 
 
 @pytest.mark.parametrize(
