@@ -299,9 +299,10 @@ print("shell / slab:", np.round(shell_Y / slab_Y, 2))
 
 # %% [markdown]
 # After sunset the Mars-like sky stays bright for longer, since its dust reaches ten times as high.
-# The left half ends at 15 degrees for a reason: with a haze this thick the simulator's table of
-# suns is too coarse for lower ones, and its zenith begins to ripple. It was made for optical depths
-# up to about 1. Look at a curve before you believe it.
+# In the left half both agree within 3 % while the sun is 30 degrees high or more, at `rtol=1e-2`
+# and 32 streams. At 15 degrees they are 12 % apart, and below ten the shell's zenith ripples: with
+# a haze this thick the simulator's table of suns is too coarse there. Its stated errors are for
+# thin hazes. Look at a curve before you believe it.
 #
 # ## Your turn
 #

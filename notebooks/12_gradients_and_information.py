@@ -155,6 +155,10 @@ fig.colorbar(image, ax=ax, label="share of each unknown [-]")
 plt.show()
 
 # %% [markdown]
+# `estimate_turbidity(..., free=(...))` says the same of a measured sky: `covariance`, and `untold`,
+# the unknowns of which it learned hardly anything beyond their range. A prior, such as ozone from a
+# climatology, is given with `prior={"ozone_dobson": (320.0, 30.0)}`.
+#
 # ## Which directions and colours to choose
 #
 # Suppose only a few can be afforded. Take them one by one, each time the one that leaves the
@@ -237,7 +241,7 @@ plt.show()
 
 # %% [markdown]
 # An interval ends where its curve crosses the line at 3.84. With little noise both ways agree; with
-# much the profile leans, since hazier skies differ less from each other.
+# much the profile is wider, most on the hazy side, since hazier skies differ less from each other.
 #
 # ## Which numbers of a formula can be told
 #
@@ -261,9 +265,8 @@ ax.legend(frameon=False)
 plt.show()
 
 # %% [markdown]
-# `estimate_turbidity(..., free=(...))` says the same of a measured sky: `covariance`, and `untold`,
-# the unknowns of which it learned hardly anything beyond their range. A prior, such as ozone from a
-# climatology, is given with `prior={"ozone_dobson": (320.0, 30.0)}`.
+# In luminance the horizon's pair A, B is the weak one; in x it is C and D, whose exponential is
+# nearly a straight line. The notebook on Perez shows where that leads.
 #
 # ## Your turn
 #
