@@ -190,10 +190,11 @@ fig, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
 alone = left_over(prior + by_direction).reshape(directions.shape)
 image = draw_dome(left, directions, step[0] * alone, colour_map="cividis_r", solar_zenith_angle=sun)
 fig.colorbar(image, ax=left, label="error of turbidity from one direction [-]", shrink=0.8)
+dot = {"boxstyle": "circle,pad=0.2", "facecolor": "white", "edgecolor": "#c05020"}
 for number, place in enumerate(chosen["directions"][:4], 1):
     ring, turn = np.unravel_index(place, directions.shape)
     θ, φ = rings[ring], np.radians(azimuths[turn])
-    left.text(θ * np.sin(φ), θ * np.cos(φ), number, color="#c05020", weight="bold", ha="center")
+    left.text(θ * np.sin(φ), θ * np.cos(φ), number, ha="center", va="center", bbox=dot, fontsize=8)
 for what, colour in (("directions", "#1f5fa8"), ("wavelengths", "#c05020")):
     right.semilogy(range(9), step[0] * np.array(course[what]), "o-", color=colour, label=what)
 right.set(xlabel="chosen [-]", ylabel="error of turbidity, all seven unknown [-]")
@@ -202,8 +203,8 @@ plt.show()
 print("wavelengths in order:", *(f"{λ[k]:.0f} nm" for k in chosen["wavelengths"][:4]))
 
 # %% [markdown]
-# (Orange numbers: the first four directions, each with all wavelengths. A wavelength comes with all
-# directions.) The second choice is never next to the first: it is taken for what the first left
+# (Circled: the first four directions, each with all wavelengths. A wavelength comes with all
+# directions.) The second choice is not next to the first: it is taken for what the first left
 # open. After a handful the rest only averages noise, as the square root of their number; even the
 # same one may be taken twice.
 #
