@@ -20,7 +20,8 @@ from atmofit.extremes import Case, Span, extremes
 from atmofit.numerics import safe_divide, safe_sqrt
 from atmofit.typing import Reals, RealsLike, Scalar
 
-_FIRST, _SECOND = np.triu_indices(7, 1)  # pairs of control points
+# Pairs of control points; 32 bits serve both precisions, of which JAX remembers the first.
+_FIRST, _SECOND = (one.astype(np.int32) for one in np.triu_indices(7, 1))
 _SLACK = 16  # rounding errors by which the level is lowered, so that a touching ray is found
 _NARROW = 4  # rounding errors of a distance that count as one place
 _HARDLY = 0.8  # a cut that leaves more than this is not worth it: halve instead
