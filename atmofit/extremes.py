@@ -90,8 +90,7 @@ def extremes(
     call: Callable[..., Any] | None = None,
     derivative: str = "reverse",
     heavy: bool = False,
-    least: float | None = None,
-    rounding: float = 0.0,
+    least: float | tuple[float, float] | None = None,
     **spans: Span,
 ) -> Callable[[Subject], Subject]:
     """Declare the extremes of the function or class below.
@@ -105,8 +104,8 @@ def extremes(
         call: What to call with the arguments, if not the function itself.
         derivative: "reverse", "forward" or "none".
         heavy: It takes long to compile: only the command looks at it, not the tests.
-        least: No value may lie below it, as light is not negative.
-        rounding: By so many units of rounding of 1 a value may, where it is the difference of such.
+        least: No value may lie below it, as light is not negative. A pair: and by so many units of
+            rounding of 1 it may, where it is the difference of such.
         **spans: A `Span` or `Domain` for each argument.
 
     Returns:
@@ -124,8 +123,9 @@ def extremes(
 
     def declare(subject: Subject) -> Subject:
         function = subject if call is None else call
+        lowest, rounding = least if isinstance(least, tuple) else (least, 0.0)
         DECLARATIONS.append(
-            Declaration(subject, part, function, spans, cases, derivative, heavy, least, rounding)
+            Declaration(subject, part, function, spans, cases, derivative, heavy, lowest, rounding)
         )
         return subject
 

@@ -357,7 +357,6 @@ for _ground in (False, True):
         asymmetry=Domain(-0.999, 0.999),
         sun=Domain(0.0, HORIZON),
         view=Domain(0.0, np.pi),
-        least=0.0,
-        # Of the light that comes in, of which what goes out is a part; level suns have most.
-        rounding=1e3,
+        # Rounding is that of the light that comes in; level suns have most of it.
+        least=(0.0, 1e3),
     )(solve_slab)
