@@ -54,6 +54,7 @@ def colours(found):
     return np.asarray(af.XYZ_to_xyY(found.XYZ))
 
 
+@pytest.mark.slow
 def test_rims_are_bright_where_the_sun_is_behind():
     # Figure 7 (b): the middle lets nothing through, the rim scatters straight on.
     luminance = picture(8e3, 10.0, 3.0)

@@ -80,6 +80,7 @@ def test_the_sun_is_found():
     assert pull(found) <= 3.5
 
 
+@pytest.mark.slow
 def test_what_a_sky_does_not_tell_is_said():
     few = af.Directions(np.radians([5.0, 10.0, 15.0]), np.radians([0.0, 120.0, 240.0]))
     values = np.asarray(MODEL.XYZ(T, SUN, few, 0.3))[:, 1]

@@ -108,6 +108,7 @@ def test_two_halves_are_a_whole():
     np.testing.assert_allclose(halves.radiance(GRID), whole.radiance(GRID), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_order_of_layers_matters_and_reciprocity_holds():
     """Exchanging sun and view of a stack leaves L / mu0 as it is, seen from above."""
     stack = ([0.7, 2.0], [0.8, 0.95], (af.Rayleigh(), HAZE))

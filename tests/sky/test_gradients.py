@@ -77,6 +77,7 @@ def test_slopes_match_differences(with_slopes, name):
     np.testing.assert_allclose(slope, difference, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_slopes_by_scale_heights_are_those_of_the_light():
     """Nodes are held, so that few of them show the quadrature's error in differences."""
 
@@ -98,6 +99,7 @@ def test_slopes_by_scale_heights_are_those_of_the_light():
         assert np.abs(slope).max() > 0.05
 
 
+@pytest.mark.slow
 def test_slopes_from_a_coarser_sky():
     """The value is the fine sky's; the slopes of its logarithm are the coarse one's."""
     air = atmosphere(PARAMETERS, "flat")
