@@ -21,6 +21,7 @@ _LIMB_SPACING = 2
 _STENCIL = 4  # altitudes between which a source is interpolated
 _LAYER_NODES = 3  # of the quadrature inside a layer
 _THINNEST = 1e-4  # optical depth of a layer below which light weighs all its parts alike
+_FAINTEST, _NOTHING = 1e-15, 1e-30  # extinction over the largest, and [1/m], that count as none
 _STEEPEST = 30.0  # logarithm of the largest ratio of extinctions across a layer
 _STRAIGHTEST = 1e-3  # logarithm of a ratio below which the extinction counts as constant
 
@@ -153,7 +154,10 @@ def layers(
     reached = rays.reached[:-1, :, None]
     depth = jnp.where(reached, between, 0.0) @ medium.extinction
     density = jnp.stack([p.density(altitude) for p in medium.profiles], axis=-1)
-    log_extinction = jnp.log(density @ medium.extinction + jnp.finfo(altitude.dtype).tiny)
+    extinction = density @ medium.extinction
+    # Of layers that hold next to nothing the slope would be lost among numbers of any size.
+    faint = _FAINTEST * jax.lax.stop_gradient(jnp.max(extinction, axis=0)) + _NOTHING
+    log_extinction = jnp.log(extinction + faint[None, :])
     growth = jnp.clip(jnp.diff(log_extinction, axis=0), -_STEEPEST, _STEEPEST)
     growth = jnp.where(jnp.abs(growth) < _STRAIGHTEST, _STRAIGHTEST, growth)
     place, near = _places(rays, paths, medium.scale)
