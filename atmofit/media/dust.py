@@ -19,6 +19,7 @@ from atmofit.typing import Reals, RealsLike
 
 DENSEST = 0.99  # share of the volume that particles fill; hard spheres reach 0.74
 _THINNEST = 1e-6  # volume fraction that sets how narrow the opposition effect may be
+_AGAINST = 1e-9  # cosine of half a phase angle of pi, which rounding may make negative
 _DEEP = 1e3  # slant optical depth beyond which its width is an endless slab's
 
 
@@ -178,6 +179,7 @@ def hapke_irvine(view_cosine: RealsLike, solar_cosine: RealsLike) -> Reals:
     Case("deep", {"optical_depth": 1e6, "phase_angle": 0.0}, limit=2.0),
     Case("nothing", {"optical_depth": 0.0, "phase_angle": 0.0}, limit=1.0),
     Case("opposite", {"phase_angle": math.pi}, limit=1.0),
+    Case("nothing, opposite", {"optical_depth": 0.0, "phase_angle": math.pi}, limit=1.0),
     optical_depth=Domain(0.0, THICKEST),
     view_cosine=Domain(SMALLEST_COSINE, 1.0),
     phase_angle=Domain(0.0, math.pi),
@@ -220,7 +222,7 @@ def opposition_factor(
     # All times x (2 + x) and the cosine: x may be 0 and the tangent of pi / 2 is endless.
     short = jnp.minimum(slant, _DEEP)
     bend = short * (2 + short)
-    near = jnp.maximum(dense, _THINNEST) * (bend / 3 + 2) * jnp.maximum(jnp.cos(half), 0.0)
+    near = jnp.maximum(dense, _THINNEST) * (bend / 3 + 2) * jnp.maximum(jnp.cos(half), _AGAINST)
     excess = 2 / (1 + jnp.exp(-slant)) - 1
     return 1 + excess * near / (near + bend * jnp.sin(half))
 
