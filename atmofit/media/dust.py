@@ -19,7 +19,7 @@ from atmofit.typing import Reals, RealsLike
 
 DENSEST = 0.99  # share of the volume that particles fill; hard spheres reach 0.74
 _THINNEST = 1e-6  # volume fraction that sets how narrow the opposition effect may be
-_AGAINST = 1e-9  # cosine of half a phase angle of pi, which rounding may make negative
+_AGAINST = 1e-18  # cosine of half a phase angle of pi, which rounding may make negative
 _DEEP = 1e3  # slant optical depth beyond which its width is an endless slab's
 
 
