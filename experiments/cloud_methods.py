@@ -237,7 +237,7 @@ def draw(path: Path, results: dict[str, dict[str, dict[str, float]]], finest: in
             color = COLORS[kinds.index(words[0])]
             marker = markers.get(words[-1], "D")
             big = 20 if f"{finest // 2}^3" in name else 60
-            panel.scatter(value["hot_s"], 100 * value["error"], big, color, marker)
+            panel.scatter(value["hot_s"], 100 * value["error"], big, color, marker=marker)
         panel.axhline(100 * found["truth"]["error"], color="0.6", ls=":", lw=1)
         panel.set(xscale="log", yscale="log", xlabel="time of three pictures [s]")
         panel.set_title(f"optical depth {depth}")
