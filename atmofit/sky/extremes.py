@@ -82,6 +82,19 @@ _SKIES = (
     Case("black haze", _CLEAR | {"haze_albedo": 0.0}),
     Case("one height for all", _CLEAR | {"haze_height": 8e3}),
     Case("haze above the air", _CLEAR | {"air_height": 1.0, "haze_height": 3e4}),
+    Case("black haze, no air", {"air_depth": 0.0, "haze_depth": 6.5, "haze_albedo": 0.0}),
+    Case(
+        "nearly black thick haze, no air",
+        {"air_depth": 0.0, "haze_depth": 22.0, "haze_height": 12.0, "haze_albedo": 1e-9},
+    ),
+    Case(
+        "thick low air, no dark haze aloft",
+        {"air_depth": 290.0, "air_height": 23.0, "haze_depth": 0.0, "haze_albedo": 5e-4},
+    ),
+    Case(
+        "thin low air, no haze",
+        {"air_depth": 3e-4, "air_height": 1.0, "haze_depth": 0.0, "haze_height": 50.0},
+    ),
 )
 _DUSK = (
     Case("clear, end of twilight", _CLEAR | _LEVEL | {"solar_zenith_angle": LATEST_SUN}),

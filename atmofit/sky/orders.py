@@ -19,6 +19,8 @@ from atmofit.sky.turning import turns
 from atmofit.typing import Reals
 
 _PARALLEL = 10.0  # squares this many roundings of the whole count as nothing
+_TRACE = 1e-6  # extinction over the largest, below which slopes of its kind are damped
+_DIM = 1e-12  # light over solar irradiance [1/sr]; slopes of shares of less would overflow
 
 
 class Light(NamedTuple):
@@ -168,11 +170,25 @@ def transport(
         rays,
         jnp.moveaxis(functions, -1, 1),
         carried(rays, *layers(medium, paths, rays, altitude)),
-        safe_divide(strength, extinction[:, None, :]),
+        _scattered_share(strength, extinction[:, None, :]),
         medium.ground_albedo,
         tuple(tuple(jnp.asarray(each.matrix, dtype) for each in some) for some in turning),
         tuple(tuple((each.of, each.power) for each in some) for some in turning),
     )
+
+
+def _scattered_share(strength: Reals, extinction: Reals) -> Float[Array, "z l w"]:
+    """Strength over extinction, 0 where there is none, with slopes that stay bounded aloft.
+
+    Where next to nothing is, its kind changes at once with a trace of something else: a source
+    function without bounds, of which no light comes.
+    """
+    held = jax.lax.stop_gradient(safe_divide(strength, extinction))
+    change = strength - held * extinction
+    there = jax.lax.stop_gradient(extinction)
+    least = _TRACE * there.max(axis=0, keepdims=True)
+    there = jnp.maximum(there, jnp.where(least > 0, least, 1.0))
+    return held + (change - jax.lax.stop_gradient(change)) / there
 
 
 def next_orders(step: Transport, injected: tuple[Light, ...], count: int) -> tuple[Light, ...]:
@@ -212,7 +228,7 @@ def all_higher_orders(step: Transport, first: Light, steps: int) -> Light:
 
     _, higher = jax.lax.scan(add, first, None, length=steps)
     orders = [first, *(Light(higher.moments[k], higher.irradiance[k]) for k in range(steps))]
-    share = _mixture([light.moments for light in orders])
+    share = _mixture([_in_units(light.moments, first.moments) for light in orders])
     return Light(
         sum(
             (share[k][None, None, None] * orders[k + 1].moments for k in range(1, steps)),
@@ -223,6 +239,14 @@ def all_higher_orders(step: Transport, first: Light, steps: int) -> Light:
             share[0] * orders[1].irradiance,
         ),
     )
+
+
+def _in_units(moments: Reals, of_first: Reals) -> Reals:
+    """In units of the brightest, whose squares are numbers; without slopes where all is dark."""
+    brightest = jax.lax.stop_gradient(jnp.abs(of_first).max(axis=(0, 1, 2), keepdims=True))
+    unit = jnp.where(brightest > jnp.finfo(moments.dtype).tiny, brightest, 1.0)
+    dark = brightest < _DIM
+    return jnp.where(dark, jax.lax.stop_gradient(moments), moments) / unit
 
 
 def _mixture(orders: list[Reals]) -> list[Float[Array, "w sun"]]:

@@ -22,7 +22,6 @@ from atmofit.numerics import (
     chebyshev_nodes,
     chebyshev_transform,
     harmonics,
-    safe_divide,
     safe_sqrt,
 )
 from atmofit.optics.medium import Medium
@@ -39,6 +38,7 @@ _TWILIGHT_EDGE = math.radians(1.0)
 _TWILIGHT_FALL = math.log(10) / math.radians(3.0)
 _MODES_AT_ONCE = 4  # azimuth modes that share a matrix product
 _DARKEST = 1e-12  # of the brightest place; below, there is nothing worth following
+_DARK = 1e-15  # nor below this radiance over solar irradiance [1/sr]
 
 
 class ModeBlock(eqx.Module):
@@ -166,11 +166,10 @@ def _table(
     to_altitude = jnp.asarray(chebyshev_transform(moments.shape[0]), dtype)
     to_sun = jnp.asarray(chebyshev_transform(moments.shape[4]), dtype)
     brightest = brightness.max(axis=0, keepdims=True)
-    brightness = jnp.maximum(brightness, _DARKEST * brightest + jnp.finfo(dtype).tiny)
-    # Without any light, a tiny brightness would make slopes overflow.
-    brightness = jnp.where(brightest <= 0, 1.0, brightness)
+    # In the dark, what is absent but could shine would make slopes overflow.
+    brightness = jnp.maximum(brightness, _DARKEST * brightest + _DARK)
     # One after the other, since their product may be too small to divide by.
-    relative = safe_divide(moments, brightness[:, None, None, :, None])
+    relative = moments / brightness[:, None, None, :, None]
     relative = relative / dimming[:, None, None, None, :]
     coefficients = jnp.tensordot(to_altitude, relative @ to_sun.T, 1)
     logarithm = to_altitude @ jnp.log(brightness)

@@ -1,5 +1,6 @@
 """Sphinx settings of the documentation site: `make docs`. Nothing is fetched from a network."""
 
+import json
 import os
 import re
 import shutil
@@ -16,11 +17,26 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(CACHE))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
+
+def _with_figures(notebook: Path) -> Path:
+    """What `make notebooks` has drawn of a notebook, if it ran as it is now; else the notebook."""
+    executed = ROOT / "build" / "notebooks" / notebook.name
+    if executed.exists() and _cells(executed) == _cells(notebook):
+        return executed
+    return notebook
+
+
+def _cells(notebook: Path) -> list[str]:
+    """The text of all cells."""
+    cells = json.loads(notebook.read_text("utf-8"))["cells"]
+    return ["".join(cell["source"]) for cell in cells]
+
+
 NOTEBOOKS = HERE / "notebooks"
 shutil.rmtree(NOTEBOOKS, ignore_errors=True)
 NOTEBOOKS.mkdir()
 for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
-    shutil.copy(notebook, NOTEBOOKS)
+    shutil.copy(_with_figures(notebook), NOTEBOOKS)
 
 project = "atmofit"
 author = "atmofit contributors"

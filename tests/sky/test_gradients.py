@@ -1,5 +1,7 @@
 """Slopes of the radiance: right, and finite at every edge of the domain."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 from small_skies import PARAMETERS, WAVELENGTHS, as_arrays, atmosphere, radiance
 
 import atmofit as af
+from atmofit.sky.extremes import FEW_NODES
 
 STEPS = {
     "turbidity": 1e-4,
@@ -134,3 +137,21 @@ def test_value_and_slopes_are_finite_at_the_edges(with_slopes, edge):
     (_, sky), slopes = with_slopes[0](sun, **changes)
     assert np.isfinite(sky).all()
     assert all(np.isfinite(leaf) for leaf in jax.tree.leaves(slopes))
+
+
+def test_absent_haze_above_all_air_has_its_slope_in_float32():
+    """Air of one metre lies below most nodes, where the first trace of haze becomes everything."""
+    up = af.Directions([0.0], [0.0])
+
+    def sky(haze_depth, dtype):
+        haze = af.Haze(haze_depth, 1.3, 50.0, 0.5, af.HenyeyGreenstein(0.3))
+        ground = af.Ground(0.188)
+        air = af.Atmosphere(af.Molecules(3.4e-4, 1.0), haze, (), ground, "pseudo-spherical")
+        plan = af.plan_sky(air, orders="all", rtol=5e-2, dtype=dtype, all_wavelengths=True)
+        plan = dataclasses.replace(plan, nodes=FEW_NODES)
+        return af.simulate_sky(air, 0.0, up, 550.0, solar_irradiance=1.0, plan=plan)[0, 0]
+
+    step = 1e-6
+    found = jax.jacfwd(lambda depth: sky(depth, "float32"))(jnp.zeros((), "float32"))
+    difference = (sky(jnp.asarray(step), "float64") - sky(jnp.zeros(()), "float64")) / step
+    np.testing.assert_allclose(found, difference, rtol=5e-3)  # damped aloft; 7e14 too much if not
