@@ -79,10 +79,11 @@ def somewhere(span: Span, rng: np.random.Generator) -> np.ndarray:
     shape = (POINTS, *low.shape)
     u = rng.random(shape)
     wide = (low > 0) & (high > _WIDE * low)
+    ratio = np.where(wide, high / np.where(wide, low, 1.0), 1.0)
     near = (high - low) * 10.0 ** (-_DECADES * u)
     choices = [
         low + (high - low) * u,
-        np.where(wide, low * (high / np.where(wide, low, 1.0)) ** u, low + (high - low) * u),
+        np.where(wide, low * ratio**u, low + (high - low) * u),
         low + near,
         high - near,
         np.where(u < 0.5, low, high),

@@ -13,7 +13,7 @@ from atmofit.sky.ladder import LADDER
 from atmofit.sky.luminance import COUNTS
 from atmofit.sky.needed import Needed, needed
 from atmofit.sky.plan import ZENITH, Plan
-from atmofit.sky.predicted import facts
+from atmofit.sky.predicted import facts, reversals
 from atmofit.sky.sun_angles import SunRange, sun_ends
 from atmofit.typing import RealsLike
 
@@ -24,6 +24,9 @@ _SUN_STEP_DEG, _SUN_MARGIN_DEG = 5, 1.0  # known suns are rounded outward, so th
 _SUN_ENDS = 4  # more sun angles for a short range, whose ends are as steep as a long one's
 _TURN = math.radians(11.5)  # of the local sun along a view ray
 _ROUNDING = 1e-6  # of a float32 sun at the horizon [rad]
+# Light that is turned around often takes more orders before the rest follows from them. Measured
+# over white haze against `solve_slab`: 5, 10, 20 and 40 do to .5, 1, 4 and 8 reversals.
+_REVERSALS, _ORDERS_EACH, _ORDERS_AT_ONCE, _MOST_ORDERS = 0.5, 7.5, 5, 40
 
 
 def plan_sky(
@@ -43,7 +46,8 @@ def plan_sky(
 
     Args:
         atmosphere: Only which constituents exist counts, and whether their spectra are smooth;
-            unless `orders` is None, when its values are looked at and must be known.
+            unless `orders` is None, when its values are looked at and must be known. For all
+            orders more of them are computed if it is known to be thick.
         solar_zenith_angle: Known value or values [rad], 0 to 96 degrees; if all are above the
             horizon, twilight is left out, and the field serves no sun below it. A tracer is
             refused. None: whatever the geometry allows.
@@ -97,6 +101,7 @@ def plan_sky(
     nodes = dataclasses.replace(
         LADDER[chosen.rung],
         sun=_sun_count(LADDER[chosen.rung].sun, suns),
+        steps=LADDER[chosen.rung].steps + _more_steps(atmosphere, chosen.orders),
         wavelength=of_light.wavelength,
         rough=of_light.rough,
     )
@@ -164,6 +169,14 @@ def _sun_count(count: int, suns: SunRange) -> int:
     return min(math.ceil(more * (share * count + _SUN_ENDS)), math.ceil(more * count))
 
 
+def _more_steps(atmosphere: Atmosphere, orders: int | str) -> int:
+    """Orders to compute beyond those of the rung, by fives so that plans are few."""
+    if orders != "all":
+        return 0
+    wanted = _ORDERS_EACH * max(reversals(atmosphere) - _REVERSALS, 0.0)
+    return min(_ORDERS_AT_ONCE * math.ceil(wanted / _ORDERS_AT_ONCE), _MOST_ORDERS)
+
+
 def _check_orders(orders: int | str, by_order: bool) -> None:
     if orders != "all" and not (isinstance(orders, int) and 1 <= orders <= MAXIMUM_ORDERS):
         raise ValueError(f'orders must be 1 to {MAXIMUM_ORDERS} or "all", got {orders!r}')
@@ -210,6 +223,8 @@ def _orders_in_words(plan: Plan, computed: list[str], left_out: list[str]) -> No
         )
     if order == "all":
         computed.append(f"orders to {n.steps + 2}, the rest as their best mixture")
+        if n.steps >= LADDER[plan.rtol].steps + _MOST_ORDERS:
+            left_out.append("light scattered yet more often, of which such thick air is full")
         return
     if order not in (1, 2):
         computed.append(f"orders 3 to {order}")

@@ -25,6 +25,7 @@ _WAVELENGTH_NM = 550.0
 _PEAK_DEGREE = 14  # of the Legendre moment that tells how sharp a phase function is
 _FAINTEST_HAZE, _FAINTEST_PEAK = 1e-2, 1e-4
 _LARGEST_LOGARITHM = 50.0
+_THICK = 0.5  # optical depth of a constituent from which light may be turned around often
 _LATE_DEG = 88.0  # from here on twilight makes a difference
 
 
@@ -84,6 +85,23 @@ def facts(atmosphere: Atmosphere, sun_deg: float, view_deg: float) -> Facts:
         sun_deg,
         view_deg,
     )
+
+
+def reversals(atmosphere: Atmosphere) -> float:
+    """Optical depth of scattering times 1 - mean cosine, at 550 nm [-].
+
+    About how often light is turned around: .1 in clear air, and a white slab of 1.5 passes half.
+    0 where it is too little to matter, and where it is not known, under a tracer.
+    """
+    given = [part.optical_depth for part in (atmosphere.molecules, atmosphere.haze) if part]
+    if is_traced(*jax.tree.leaves(atmosphere)):
+        return 0.0
+    if not any(np.max(_values(depth)) > _THICK for depth in given if depth is not None):
+        return 0.0
+    with jax.ensure_compile_time_eval():
+        medium = optical_properties(atmosphere, jnp.asarray([_WAVELENGTH_NM]))
+        moments = np.asarray(medium.moments(2))[:, :, 0]
+    return max(float(np.sum(moments[:, 0] - moments[:, 1])), 0.0)
 
 
 def predicted(what: str, known: Facts) -> float:

@@ -123,7 +123,8 @@ def light_everywhere(medium: Medium, paths: Paths, plan: Plan) -> tuple[Moments,
     if plan.zenith_only:
         every = [moments[:, :1] for moments in every]
     brightness = sum((moments[:, 0, 0] for moments in every[1:]), every[0][:, 0, 0])
-    brightness = brightness.mean(axis=-1)
+    # Of a sum that has not converged, in haze too thick for the plan, some are negative.
+    brightness = jnp.abs(brightness).mean(axis=-1)
     dimming = twilight(paths, altitude[:, None], jnp.asarray(sun, dtype)[None, :])
     return tuple(
         _table(moments, brightness, dimming, medium, suns, both)

@@ -227,3 +227,33 @@ def test_new_values_do_not_recompile():
     for turbidity in (2.0, 5.0):
         run(af.Atmosphere.from_turbidity(turbidity, "flat"), jnp.asarray(0.3 * turbidity))
     assert len(traces) == 1
+
+
+@pytest.mark.parametrize("depth", [3.3, 6.7])
+def test_thick_haze_agrees_with_a_slab(depth):
+    """Doubling shares no method with this. With the orders of thin air 30 and 90 % are missing."""
+    lobe, suns = af.HenyeyGreenstein(0.7), jnp.radians(jnp.array([0.0, 60.0, 80.0, 86.0]))
+    ground = af.Ground(0.3)
+    air = af.Atmosphere(haze=af.Haze(depth, 1.3, 1.2e3, 1.0, lobe), ground=ground, geometry="flat")
+    field = af.solve_sky(air, GREEN, orders="all", rtol=5e-2)
+    found = jax.vmap(lambda sun: field.radiance(sun, VIEWS, 1.0)[:, 0])(suns)
+    slab = af.solve_slab(
+        optical_depth=depth,
+        single_scattering_albedo=1.0,
+        phase=lobe,
+        solar_zenith_angle=suns,
+        ground_albedo=0.3,
+        rtol=2e-3,
+    )
+    np.testing.assert_allclose(found, slab.radiance(VIEWS), rtol=5e-2)  # what the rung promises
+
+
+def test_too_thick_a_haze_stays_positive_and_bounded():
+    """Where no number of orders is enough too little light is left, not any amount."""
+    haze = af.Haze(100.0, 1.3, 1.2e3, 1.0, af.HenyeyGreenstein(0.7))
+    air = af.Atmosphere(haze=haze, ground=af.Ground(0.3), geometry="flat")
+    plan = af.plan_sky(air, orders="all", rtol=5e-2)
+    assert any("more often" in line for line in plan.left_out)
+    found = np.asarray(af.simulate_sky(air, 0.5, VIEWS, GREEN, plan=plan, solar_irradiance=1.0))
+    assert (found >= 0).all()
+    assert (found < 1 / np.pi).all()  # a white sky under an overhead sun

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import atmofit as af
+from atmofit.sky.ladder import LADDER
 
 AIR = af.Atmosphere(af.Molecules())
 
@@ -109,3 +110,17 @@ def test_one_known_sun_leaves_the_others_out():
     field = af.solve_sky(AIR, [550.0], plan=noon)
     with pytest.raises(ValueError, match=r"solar_zenith_angle must be between 0\.698132 and 0"):
         field.radiance(np.radians(50.0), af.Directions([0.0], [0.0]))
+
+
+def test_known_thick_haze_takes_more_orders():
+    def steps(turbidity, **asked):
+        air = af.Atmosphere.from_turbidity(turbidity)
+        return af.plan_sky(air, rtol=1e-2, **asked).nodes.steps
+
+    rung = LADDER[1e-2].steps
+    assert steps(8.0, orders="all") == rung
+    assert steps(64.0, orders="all") == rung + 20
+    assert steps(64.0, orders=2) == rung
+    seen = []
+    jax.jit(lambda turbidity: seen.append(steps(turbidity, orders="all")))(64.0)
+    assert seen == [rung]  # values are not known there
