@@ -181,7 +181,7 @@ def _scattered_share(strength: Reals, extinction: Reals) -> Float[Array, "z l w"
     """Strength over extinction, 0 where there is none, with slopes that stay bounded aloft.
 
     Where next to nothing is, its kind changes at once with a trace of something else: a source
-    function without bounds, of which no light comes.
+    function whose slope has no bound, though no light comes of it.
     """
     held = jax.lax.stop_gradient(safe_divide(strength, extinction))
     change = strength - held * extinction
