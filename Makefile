@@ -20,8 +20,9 @@ refit: $(STAMP)  ## Regenerate the coefficient matrices: tables, pictures and re
 	$(BIN)/atmofit refit --out $(OUT)
 
 # The tests compile hundreds of programs and run each on few nodes: quick compilation is worth more
-# than quick programs there (half the time of the whole run).
-test slow notebooks: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0
+# than quick programs there (half the time of the whole run). Both cores have a process of their own,
+# so that no program is compiled in parts.
+test slow notebooks: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0 --xla_cpu_parallel_codegen_split_count=1
 test: $(STAMP)  ## Run the tests on two processes, each file on one of them
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m "not slow"
 

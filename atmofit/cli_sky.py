@@ -41,7 +41,7 @@ class Sky:
 
         atmofit sky --kind landscape --sun-zenith 85 --sun-azimuth 250 --toward 250
 
-        atmofit sky --clouds cumulus --sun-zenith 80 --sun-azimuth 12
+        atmofit sky --clouds cumulus --sun-zenith 80 --sun-azimuth 12 --out cloud.png
     """
 
     kind: Literal["dome", "panorama", "landscape"] = "dome"
@@ -81,13 +81,14 @@ class Sky:
     exr: bool = False
     """Write linear sRGB too."""
     out: Path = Path("runs/sky")
-    """Folder of the pictures."""
+    """Folder of the pictures, or one picture that ends with .png or .exr."""
 
     def run(self) -> None:
         """Do it."""
         if not 8 <= self.width <= 20_000:
             raise ValueError(f"width must be between 8 and 20000, got {self.width}")
-        folder = output_folder(self.out)
+        paths = self._paths()
+        output_folder(paths[0].parent)
         zenith, azimuth = self._sun()
         if not 0 <= zenith <= math.pi / 2:
             raise ValueError(
@@ -95,10 +96,8 @@ class Sky:
             )
         picture = self._picture(zenith, azimuth)
         white = typical_luminance(picture) if self.white is None else self.white
-        name = self.kind if self.clouds is None else self.clouds
-        paths = [write_picture(picture, folder / f"{name}.png", white)]
-        if self.exr:
-            paths.append(write_picture(picture, folder / f"{name}.exr"))
+        for path in paths:
+            write_picture(picture, path, white)
         luminance = np.asarray(XYZ_to_xyY(picture.XYZ))[..., 2]
         print(
             f"sun at elevation {90 - math.degrees(zenith):.1f}°, azimuth "
@@ -106,6 +105,13 @@ class Sky:
             f"{luminance.max():.3g} cd/m², {white:.3g} shown at 63 %"
         )
         print("written:", ", ".join(str(path) for path in paths))
+
+    def _paths(self) -> list[Path]:
+        """Of the pictures."""
+        path = self.out
+        if path.suffix not in (".png", ".exr"):
+            path = path / f"{self.clouds or self.kind}.png"
+        return [path, path.with_suffix(".exr")] if self.exr and path.suffix == ".png" else [path]
 
     def _sun(self) -> tuple[float, float]:
         """Zenith angle and azimuth of the sun [rad]."""

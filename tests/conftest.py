@@ -3,6 +3,7 @@
 And the order of the files, for two processes.
 """
 
+import gc
 import os
 from pathlib import Path
 
@@ -16,6 +17,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     jax.config.update("jax_compilation_cache_dir", str(cache / "atmofit" / "jax"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+gc.set_threshold(100_000, 50, 100)  # traced programs are kept, so there is little to collect
 
 
 def pytest_configure(config):

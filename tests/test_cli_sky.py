@@ -31,6 +31,23 @@ def test_pictures_are_written(tmp_path, capsys, kind, rows):
     assert (tmp_path / f"{kind}.exr").stat().st_size > 500
 
 
+@pytest.mark.parametrize(
+    ("name", "more", "written"),
+    [
+        ("first.png", (), ["first.png"]),
+        ("first.png", ("--exr",), ["first.exr", "first.png"]),
+        ("first.exr", (), ["first.exr"]),
+        ("v1.2", (), ["v1.2/dome.png"]),
+    ],
+)
+def test_out_is_a_folder_or_a_picture(tmp_path, name, more, written):
+    assert run(tmp_path / name, *more) == 0
+    assert (
+        sorted(f.relative_to(tmp_path).as_posix() for f in tmp_path.rglob("*.*") if f.is_file())
+        == written
+    )
+
+
 def test_place_and_time_give_the_sun(tmp_path, capsys):
     place = ("--latitude", "50", "--longitude", "10", "--time", "2026-06-21T18:00+02:00")
     assert run(tmp_path, *place) == 0
