@@ -174,9 +174,12 @@ def draw(found: list[dict[str, Any]], path: Path, cores: int) -> None:
             some = [one for one in found if (one["work"], one["scaling"]) == (name, scaling)]
             rate = [one["rows"] / one["hot"] for one in some]
             panel.semilogx(devices, rate, "o-", color=colour, label=f"{scaling} scaling")
-            ideal = [rate[0] * min(n, cores) for n in devices]
+            free = max(
+                cores * some[0]["hot"] / some[0]["cpu"], 1.0
+            )  # cores over those of one device
+            ideal = [rate[0] * min(n, free) for n in devices]
             panel.semilogx(
-                devices, ideal, ":", color=colour, label=f"{scaling}, {cores} free cores"
+                devices, ideal, ":", color=colour, label=f"{scaling}, {cores} cores full"
             )
             per_row = np.array([one["cpu"] / one["rows"] for one in some])
             mark = "o-" if name == "skies" else "s--"

@@ -39,6 +39,13 @@ def start(folder, devices, *place):
     )
 
 
+def wait_for(file, process):
+    """Until a process has written a file, or ended."""
+    deadline = time.monotonic() + 200
+    while not file.exists() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.002)
+
+
 def computed(process):
     """How many blocks of each work a process computed and found."""
     said, _ = process.communicate(timeout=240)
@@ -120,10 +127,7 @@ def test_rows_are_what_the_functions_give_by_themselves(one_device):
 @pytest.mark.slow
 def test_eight_devices_killed_and_resumed_equal_one(one_device, tmp_path):
     killed = start(tmp_path, 8)
-    entry = tmp_path / "skies" / "blocks" / "00000000.json"
-    deadline = time.monotonic() + 200
-    while not entry.exists() and killed.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.002)
+    wait_for(tmp_path / "skies" / "blocks" / "00000000.json", killed)
     killed.send_signal(signal.SIGKILL)
     killed.communicate()
     assert killed.returncode == -signal.SIGKILL  # it was not done
@@ -134,12 +138,39 @@ def test_eight_devices_killed_and_resumed_equal_one(one_device, tmp_path):
     agree(tmp_path, one_device)
 
 
-@pytest.mark.slow
-def test_two_processes_equal_one(one_device, tmp_path):
+def start_two(folder, devices):
+    """Two processes on this machine."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         coordinator = f"127.0.0.1:{free.getsockname()[1]}"
-    both = [start(tmp_path, 4, coordinator, 2, process) for process in range(2)]
+    return [start(folder, devices, coordinator, 2, process) for process in range(2)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lost", [0, 1])
+def test_without_one_process_the_other_ends_and_a_single_one_goes_on(one_device, tmp_path, lost):
+    both = start_two(tmp_path, 1)
+    try:
+        wait_for(tmp_path / "skies" / "blocks" / f"{lost:08}.json", both[lost])
+        both[lost].send_signal(signal.SIGKILL)
+        both[lost].communicate()
+        # Process 0 misses the other after 100 s without a sign of life.
+        said, _ = both[1 - lost].communicate(timeout=240)
+    finally:
+        for process in both:
+            process.kill()
+    assert both[1 - lost].returncode != 0
+    assert "another task died" in said
+    assert not (tmp_path / "series").exists()
+    done = computed(start(tmp_path, 1))
+    assert done["skies"][1] >= 1
+    assert all(sum(pair) == BLOCKS for pair in done.values())
+    agree(tmp_path, one_device)
+
+
+@pytest.mark.slow
+def test_two_processes_equal_one(one_device, tmp_path):
+    both = start_two(tmp_path, 4)
     try:
         shares = [computed(process) for process in both]
     finally:
