@@ -24,7 +24,7 @@ def pytest_configure(config):
     config.option.loadscopereorder = False  # else files with few tests come last, be they long
 
 
-@pytest.hookimpl(trylast=True)
+@pytest.hookimpl(tryfirst=True)  # before the slow ones are left out
 def pytest_collection_modifyitems(items):
     """Files with slow tests first, so that no process is left alone with one at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}

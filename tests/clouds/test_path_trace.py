@@ -166,6 +166,7 @@ def test_fluxes_of_a_slab_agree_with_another_code(depth, albedo):
         np.testing.assert_allclose(flux, row[name], rtol=5e-3, atol=3 * error)
 
 
+@pytest.mark.slow
 def test_voxels_agree_with_a_cube_and_with_each_other():
     """Delta and ratio tracking through voxels against the closed forms of the cube they fill."""
     edge, extinction = 1.5, 4.0

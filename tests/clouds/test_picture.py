@@ -191,6 +191,7 @@ def test_presets_stand_where_they_should():
     assert staged_view("cumulus", width=40).rows == 30
 
 
+@pytest.mark.slow
 def test_the_command_draws_a_cloud(tmp_path, capsys):
     asked = ["sky", "--clouds", "cumulus", "--voxels", "10", "--width", "24"]
     more = ["--scattering", "pattern", "--exr", "--out", str(tmp_path)]

@@ -59,6 +59,7 @@ def test_the_truth_is_found_within_its_errors(clean):
     assert all(0.6 < value < 1.5 for value in chi_square)
 
 
+@pytest.mark.slow
 def test_without_noise_the_truth_is_found_to_the_solvers_tolerance(clean):
     found = fit(clean, 1e-3 * clean.mean())
     for name in CloudFit.NAMES:

@@ -158,6 +158,7 @@ def test_joint_fits_of_scattered_skies_converge(scattered, k):
         assert 5 < float(fit.condition_number) < 1000
 
 
+@pytest.mark.slow
 def test_joint_standard_errors_are_those_of_repeated_noise():
     rng = np.random.default_rng(8)
     table = published("luminance")

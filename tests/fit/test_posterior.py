@@ -18,18 +18,23 @@ SKY = af.Observation(DIRECTIONS, SEEN, SUN, 0.01)
 FREE = ("turbidity", "albedo")
 
 
-PROBLEM = af.turbidity_problem(SKY, MODEL, free=FREE)
-BEST = af.estimate_turbidity(PROBLEM)
+@pytest.fixture(scope="module")
+def problem():
+    return af.turbidity_problem(SKY, MODEL, free=FREE)
 
 
 @pytest.fixture(scope="module")
-def samples():
-    return af.sample_turbidity(PROBLEM, BEST, samples=600, warmup=100)
+def best(problem):
+    return af.estimate_turbidity(problem)
 
 
-def test_profile_is_the_parabola_of_a_good_sky():
-    found = af.profile_turbidity(PROBLEM, BEST)
-    best = found.estimate
+@pytest.fixture(scope="module")
+def samples(problem, best):
+    return af.sample_turbidity(problem, best, samples=600, warmup=100)
+
+
+def test_profile_is_the_parabola_of_a_good_sky(problem, best):
+    found = af.profile_turbidity(problem, best)
     distance = (np.asarray(found.turbidity) - float(best.value)) / float(best.standard_error)
     # Narrow against the range, so the loss is nearly a parabola: third order within 3 %.
     np.testing.assert_allclose(found.rise, distance**2, rtol=0.05, atol=0.02)
@@ -78,26 +83,26 @@ def test_intervals_hold_their_share(samples):
     np.testing.assert_allclose((high - low) / 2, normal, rtol=0.12)
 
 
-def test_slopes_of_the_density_are_those_of_differences():
+def test_slopes_of_the_density_are_those_of_differences(problem):
     from atmofit.fit.posterior import log_posterior
 
-    share = jnp.ones_like(PROBLEM.loss.precision)
+    share = jnp.ones_like(problem.loss.precision)
     u, h = jnp.asarray([-0.2, 0.4]), 1e-5
-    _, slope, _ = log_posterior(PROBLEM.sky, PROBLEM.loss, share, u)
+    _, slope, _ = log_posterior(problem.sky, problem.loss, share, u)
     for k in range(2):
         ends = [
-            log_posterior(PROBLEM.sky, PROBLEM.loss, share, u.at[k].add(s * h))[0] for s in (1, -1)
+            log_posterior(problem.sky, problem.loss, share, u.at[k].add(s * h))[0] for s in (1, -1)
         ]
         np.testing.assert_allclose(slope[k], (ends[0] - ends[1]) / (2 * h), rtol=1e-5)
 
 
-def test_bad_requests_are_refused():
+def test_bad_requests_are_refused(problem, best):
     with pytest.raises(ValueError, match="points must be between 5"):
-        af.profile_turbidity(PROBLEM, BEST, points=3)
+        af.profile_turbidity(problem, best, points=3)
     with pytest.raises(ValueError, match="chains must be between 2 and 64, got 1"):
-        af.sample_turbidity(PROBLEM, BEST, chains=1)
+        af.sample_turbidity(problem, best, chains=1)
     with pytest.raises(ValueError, match="free must be given where the problem is made"):
-        af.estimate_turbidity(PROBLEM, free=FREE)
+        af.estimate_turbidity(problem, free=FREE)
     alone = af.turbidity_problem(SKY, MODEL)
     with pytest.raises(ValueError, match=r"estimate must be of the problem's .* got one of"):
-        af.profile_turbidity(alone, BEST)
+        af.profile_turbidity(alone, best)

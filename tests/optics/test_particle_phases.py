@@ -20,7 +20,7 @@ from atmofit.optics.particle_phases import (
     scattering_angle_of_phase_angle,
 )
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(3000)
+NODES, WEIGHTS = special.roots_legendre(3000)
 PHASES = {
     "isotropic": Isotropic(),
     "linear": LinearPhase(0.7),

@@ -10,7 +10,7 @@ import atmofit as af
 from atmofit.optics.phase import resolved
 from atmofit.tables import preetham1999_phase, preetham1999_spectra
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(3000)  # another rule than the library's
+NODES, WEIGHTS = special.roots_legendre(3000)  # another rule than the library's
 SMOOTH = {
     "rayleigh": af.Rayleigh(),
     "henyey 0.76": af.HenyeyGreenstein(0.76),

@@ -206,6 +206,7 @@ def test_turbidity_of_an_optical_depth():
     assert turbidity_from_optical_depth(0.097) == pytest.approx(1.963, abs=0.001)
 
 
+@pytest.mark.slow
 @needs_data
 def test_models_with_fitted_turbidity(skies):
     """The shipped model within 1.4 times DISORT's error, and before the published ones."""

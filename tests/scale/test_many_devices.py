@@ -90,6 +90,7 @@ def agree(folder, other):
                 np.testing.assert_allclose(a[key], expected, rtol=64 * EPS, err_msg=key)
 
 
+@pytest.mark.slow
 def test_rows_are_what_the_functions_give_by_themselves(one_device):
     skies, fits, series = (values(one_device, name) for name in run_works.WORKS)
     work = run_works.sky_work()

@@ -139,6 +139,7 @@ def test_value_and_slopes_are_finite_at_the_edges(with_slopes, edge):
     assert all(np.isfinite(leaf) for leaf in jax.tree.leaves(slopes))
 
 
+@pytest.mark.slow
 def test_absent_haze_above_all_air_has_its_slope_in_float32():
     """Air of one metre lies below most nodes, where the first trace of haze becomes everything."""
     up = af.Directions([0.0], [0.0])

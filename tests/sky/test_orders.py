@@ -248,6 +248,7 @@ def test_thick_haze_agrees_with_a_slab(depth):
     np.testing.assert_allclose(found, slab.radiance(VIEWS), rtol=5e-2)  # what the rung promises
 
 
+@pytest.mark.slow
 def test_too_thick_a_haze_stays_positive_and_bounded():
     """Where no number of orders is enough too little light is left, not any amount."""
     haze = af.Haze(100.0, 1.3, 1.2e3, 1.0, af.HenyeyGreenstein(0.7))
