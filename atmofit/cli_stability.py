@@ -6,7 +6,15 @@ from pathlib import Path
 
 from atmofit.files import output_folder
 from atmofit.fuzz import Hunt, fuzz
-from atmofit.stability import DTYPES, Check, declarations, run, summary, write_tables
+from atmofit.stability import (
+    DTYPES,
+    Check,
+    declarations,
+    program,
+    run,
+    summary,
+    write_tables,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,14 +48,16 @@ class Stability:
         if not chosen:
             raise ValueError(f"only must be part of a function's name, got {self.only!r}")
         start = time.monotonic()
+        programs = [program(d) for d in chosen]
         checks: list[Check] = []
         with tqdm(total=len(chosen) * len(DTYPES), unit="", leave=False) as bar:
-            for declaration in chosen:
+            for declaration, evaluate in zip(chosen, programs, strict=True):
                 for dtype in DTYPES:
                     bar.set_description(declaration.name)
-                    checks += run(declaration, dtype)
+                    checks += run(declaration, dtype, evaluate)
                     bar.update()
-        seconds = time.monotonic() - start
+        seconds = round(time.monotonic() - start, 1)
+        write_tables(folder, checks, seconds=seconds)  # a hunt may be stopped
         hunt = Hunt(0, 0, 0, [])
         if self.fuzz > 0:
             with tqdm(unit=" batches", leave=False) as bar:
@@ -56,10 +66,9 @@ class Stability:
                     bar.set_description(name)
                     bar.update()
 
-                hunt = fuzz(chosen, 60 * self.fuzz, self.seed, tell)
+                hunt = fuzz(chosen, 60 * self.fuzz, self.seed, tell, programs)
         every = checks + hunt.findings
-        more = {"seconds": round(seconds, 1), "hunt": dataclasses.asdict(hunt)}
-        write_tables(folder, every, **more)
+        write_tables(folder, every, seconds=seconds, hunt=dataclasses.asdict(hunt))
         print(_table(every))
         failed = sum(not check.passed for check in every)
         if self.fuzz > 0:

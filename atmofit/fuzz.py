@@ -5,13 +5,11 @@ import time
 from collections.abc import Callable, Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from atmofit.extremes import Declaration, Span
-from atmofit.stability import DTYPES, Check, ends, judged, program
+from atmofit.stability import DTYPES, POINTS, Check, Program, ends, judged, program
 
-POINTS = 32  # of a function that are tried at a time
 _DECADES = 12  # how close to an end, relative to the span, a place may lie
 _WIDE = 1e3
 
@@ -38,6 +36,7 @@ def fuzz(
     seconds: float,
     seed: int = 0,
     tell: Callable[[str], None] = lambda name: None,
+    programs: Sequence[Program] | None = None,
 ) -> Hunt:
     """Try functions in random order at random places until the time is over.
 
@@ -49,11 +48,13 @@ def fuzz(
         seconds: After which no other batch begins.
         seed: Of order and places; equal seeds try equal places in equal order.
         tell: Called with the name of what is tried next.
+        programs: Of the declarations, where they are compiled already.
     """
     stop = time.monotonic() + seconds
     rng = np.random.default_rng(seed)
-    every = [(d, dtype) for d in declarations for dtype in DTYPES]
-    programs = {d.name: program(d) for d in declarations}
+    programs = programs or [program(d) for d in declarations]
+    pairs = zip(declarations, programs, strict=True)
+    every = [(d, p, dtype) for d, p in pairs for dtype in DTYPES]
     seen: set[tuple[str, str]] = set()
     findings: list[Check] = []
     points = 0
@@ -61,12 +62,12 @@ def fuzz(
         for k in rng.permutation(len(every)):
             if time.monotonic() >= stop:
                 break
-            declaration, dtype = every[k]
+            declaration, evaluate, dtype = every[k]
             tell(declaration.name)
             places = {name: somewhere(span, rng) for name, span in declaration.spans.items()}
             with jax.enable_x64(dtype == "float64"):
-                stacked = {name: jnp.asarray(x, dtype) for name, x in places.items()}
-                found = jax.tree.map(np.asarray, programs[declaration.name](stacked))
+                stacked = {name: x.astype(dtype) for name, x in places.items()}
+                found = evaluate(stacked)
             findings += _failures(declaration, dtype, places, *found)
             seen.add((declaration.name, dtype))
             points += POINTS
