@@ -6,15 +6,7 @@ from pathlib import Path
 
 from atmofit.files import output_folder
 from atmofit.fuzz import Hunt, fuzz
-from atmofit.stability import (
-    DTYPES,
-    Check,
-    declarations,
-    program,
-    run,
-    summary,
-    write_tables,
-)
+from atmofit.stability import DTYPES, Check, declarations, run, summary, write_tables
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,13 +40,12 @@ class Stability:
         if not chosen:
             raise ValueError(f"only must be part of a function's name, got {self.only!r}")
         start = time.monotonic()
-        programs = [program(d) for d in chosen]
         checks: list[Check] = []
         with tqdm(total=len(chosen) * len(DTYPES), unit="", leave=False) as bar:
-            for declaration, evaluate in zip(chosen, programs, strict=True):
+            for declaration in chosen:
                 for dtype in DTYPES:
                     bar.set_description(declaration.name)
-                    checks += run(declaration, dtype, evaluate)
+                    checks += run(declaration, dtype)
                     bar.update()
         seconds = round(time.monotonic() - start, 1)
         write_tables(folder, checks, seconds=seconds)  # a hunt may be stopped
@@ -66,7 +57,7 @@ class Stability:
                     bar.set_description(name)
                     bar.update()
 
-                hunt = fuzz(chosen, 60 * self.fuzz, self.seed, tell, programs)
+                hunt = fuzz(chosen, 60 * self.fuzz, self.seed, tell)
         every = checks + hunt.findings
         write_tables(folder, every, seconds=seconds, hunt=dataclasses.asdict(hunt))
         print(_table(every))

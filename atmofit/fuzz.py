@@ -5,11 +5,14 @@ import time
 from collections.abc import Callable, Sequence
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from atmofit.extremes import Declaration, Span
-from atmofit.stability import DTYPES, POINTS, Check, Program, ends, judged, program
+from atmofit.stability import DTYPES, Check, Program, ends, judged, program
 
+POINTS = 32  # of a function that are tried at a time
+KEPT = 40  # functions whose programs are kept; all of them exceed a process's memory maps
 _DECADES = 12  # how close to an end, relative to the span, a place may lie
 _WIDE = 1e3
 
@@ -36,25 +39,22 @@ def fuzz(
     seconds: float,
     seed: int = 0,
     tell: Callable[[str], None] = lambda name: None,
-    programs: Sequence[Program] | None = None,
 ) -> Hunt:
     """Try functions in random order at random places until the time is over.
 
-    Each is compiled when its turn first comes, so that a short hunt sees a part of them; another
-    seed sees another part.
+    Each is compiled when its turn comes, so that a short hunt sees a part of them; another seed
+    sees another part.
 
     Args:
         declarations: Of the functions.
         seconds: After which no other batch begins.
         seed: Of order and places; equal seeds try equal places in equal order.
         tell: Called with the name of what is tried next.
-        programs: Of the declarations, where they are compiled already.
     """
     stop = time.monotonic() + seconds
     rng = np.random.default_rng(seed)
-    programs = programs or [program(d) for d in declarations]
-    pairs = zip(declarations, programs, strict=True)
-    every = [(d, p, dtype) for d, p in pairs for dtype in DTYPES]
+    every = [(d, dtype) for d in declarations for dtype in DTYPES]
+    programs: dict[str, Program] = {}
     seen: set[tuple[str, str]] = set()
     findings: list[Check] = []
     points = 0
@@ -62,12 +62,16 @@ def fuzz(
         for k in rng.permutation(len(every)):
             if time.monotonic() >= stop:
                 break
-            declaration, evaluate, dtype = every[k]
+            declaration, dtype = every[k]
             tell(declaration.name)
+            evaluate = programs.pop(declaration.name, None) or program(declaration)
+            programs[declaration.name] = evaluate
+            if len(programs) > KEPT:
+                del programs[next(iter(programs))]  # the one used longest ago
             places = {name: somewhere(span, rng) for name, span in declaration.spans.items()}
             with jax.enable_x64(dtype == "float64"):
-                stacked = {name: x.astype(dtype) for name, x in places.items()}
-                found = evaluate(stacked)
+                stacked = {name: jnp.asarray(x, dtype) for name, x in places.items()}
+                found = jax.tree.map(np.asarray, evaluate(stacked))
             findings += _failures(declaration, dtype, places, *found)
             seen.add((declaration.name, dtype))
             points += POINTS

@@ -23,9 +23,7 @@ from atmofit.files import replace_file
 from atmofit.typing import Reals
 
 DTYPES = ("float32", "float64")
-Slopes = dict[str, np.ndarray]
-Program = Callable[[dict[str, np.ndarray]], tuple[np.ndarray, Slopes]]
-POINTS = 32  # a program is compiled for so many cases and runs as often as it takes
+Program = Callable[[dict[str, Reals]], tuple[Reals, dict[str, Reals]]]
 _TINY = 1e-30  # a normal number in float32 too
 _HUGE = 1e30  # stands for an end at infinity
 _WIDE = 1e3  # spans with a larger ratio of their ends have their geometric mean as middle
@@ -98,22 +96,21 @@ def cases_beyond(declaration: Declaration) -> list[Case]:
     return found
 
 
-def run(declaration: Declaration, dtype: str, evaluate: Program | None = None) -> list[Check]:
+def run(declaration: Declaration, dtype: str) -> list[Check]:
     """Evaluate one function at all its cases, in one compiled program.
 
     Args:
         declaration: From `declarations`.
         dtype: "float32" or "float64".
-        evaluate: Its `program`, where it is used again; None: made here.
     """
-    evaluate = evaluate or program(declaration)
     inside, beyond = cases_inside(declaration), cases_beyond(declaration)
     with jax.enable_x64(dtype == "float64"):
         rows = [_arguments(declaration, case) for case in inside + beyond]
         stacked = {
-            name: np.stack([row[name] for row in rows]).astype(dtype) for name in declaration.spans
+            name: jnp.asarray(np.stack([row[name] for row in rows]), dtype)
+            for name in declaration.spans
         }
-        values, slopes = evaluate(stacked)
+        values, slopes = jax.tree.map(np.asarray, program(declaration)(stacked))
         checks: list[Check] = []
         for k, case in enumerate(inside):
             of_case = {name: slope[k] for name, slope in slopes.items()}
@@ -136,26 +133,8 @@ def run(declaration: Declaration, dtype: str, evaluate: Program | None = None) -
 def program(declaration: Declaration) -> Program:
     """Values [case, output] and slopes by argument [case, output, argument's axes] of many cases.
 
-    Compiled once for each precision, when first called.
+    Compiled once for each number of cases and precision.
     """
-    some = _some(declaration)
-
-    def every(stacked: dict[str, np.ndarray]) -> tuple[np.ndarray, Slopes]:
-        count = len(next(iter(stacked.values())))
-        parts = []
-        for first in range(0, count, POINTS):
-            place = np.minimum(np.arange(first, first + POINTS), count - 1)
-            here = {name: jnp.asarray(values[place]) for name, values in stacked.items()}
-            parts.append(jax.tree.map(np.asarray, some(here)))
-        return jax.tree.map(lambda *each: np.concatenate(each)[:count], *parts)
-
-    return every
-
-
-def _some(
-    declaration: Declaration,
-) -> Callable[[dict[str, Reals]], tuple[Reals, dict[str, Reals]]]:
-    """The same of `POINTS` cases."""
 
     def flat(arguments: dict[str, Reals]) -> Reals:
         out = declaration.call(**arguments)

@@ -1,6 +1,8 @@
 """The stability table: nothing fails, nothing public is missing, and faults are seen."""
 
+import dataclasses
 import json
+import weakref
 
 import jax
 import jax.numpy as jnp
@@ -9,10 +11,11 @@ import pytest
 
 import atmofit as af
 from atmofit import cli_stability, stability
+from atmofit import fuzz as fuzz_module
 from atmofit.checks import in_range
 from atmofit.cli import main
 from atmofit.extremes import DECLARATIONS, Case, Domain, Span, extremes
-from atmofit.fuzz import fuzz, somewhere
+from atmofit.fuzz import POINTS, fuzz, somewhere
 
 # Public names that need no declaration of their own.
 EXEMPT = {
@@ -203,7 +206,9 @@ def test_arrays_and_forward_slopes_agree_with_reverse():
             case, call=lambda x, y: (x[0] * x[1], y * y), derivative=derivative, **spans
         )
         assert not _failures(found, "float64")
-        middle = stability.program(found)({"x": np.array([[1.0, 2.0]]), "y": np.array([1.0])})[1]
+        middle = stability.program(found)(
+            {"x": jnp.asarray([[1.0, 2.0]]), "y": jnp.asarray([1.0])}
+        )[1]
         np.testing.assert_array_equal(middle["x"], [[[2.0, 1.0], [0.0, 0.0]]])
 
 
@@ -265,7 +270,7 @@ def test_a_hunt_finds_what_the_ends_do_not_show():
     assert {check.what for check in hunt.findings} >= {"value finite"}
     assert abs(float(hunt.findings[0].case.removeprefix("x=")) - 0.3) < 5e-3
     assert (hunt.functions, hunt.of) == (2, 2)
-    assert hunt.points >= 2 * stability.POINTS
+    assert hunt.points >= 2 * POINTS
     sound = _declared(call=lambda x: x * x, least=0.0, x=Span((-1.0, 0.0), (1.0, 1e9)))
     assert not fuzz((sound,), 1.0).findings
 
@@ -278,3 +283,23 @@ def test_equal_seeds_hunt_at_equal_places():
     for low, high, column in zip(span.low, span.high, places[0].T, strict=True):
         assert (column >= low).all()
         assert (column <= high).all()
+
+
+def test_a_hunt_keeps_few_programs(monkeypatch):
+    monkeypatch.setattr(fuzz_module, "KEPT", 2)
+    alive = []
+
+    def counted(declaration):
+        evaluate = stability.program(declaration)
+        alive.append(weakref.ref(evaluate))
+        return evaluate
+
+    monkeypatch.setattr(fuzz_module, "program", counted)
+    names = [
+        dataclasses.replace(_declared(call=lambda x: jnp.sin(x), x=Span(0.0, k)), part=str(k))
+        for k in (1.0, 2.0, 3.0, 4.0)
+    ]
+    left = []
+    hunt = fuzz(names, 2.0, tell=lambda _: left.append(sum(ref() is not None for ref in alive)))
+    assert hunt.functions == hunt.of == 8
+    assert max(left) <= 2
